@@ -1,0 +1,1 @@
+//! Acceptance tests of the whole workspace live in this crate's test targets.
