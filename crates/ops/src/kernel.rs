@@ -1,0 +1,1 @@
+//! CPU kernels behind the one extension of burn's back ends.
