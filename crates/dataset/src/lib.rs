@@ -1,1 +1,3 @@
-//! dataset
+//! Synthetic scanning sequences: materials, camera paths, frames with exact flow and target maps.
+
+pub mod material;

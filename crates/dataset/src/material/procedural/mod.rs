@@ -1,0 +1,1 @@
+//! Materials made by functions of a seed.
