@@ -1,4 +1,16 @@
 //! Materials: normal, diffuse, roughness and specular maps, and where they come from.
+//!
+//! A [`Material`] keeps its texels in stored precision and is sampled by addressing: repetition, mirroring, enlargement and
+//! augmentation never build a copy.
 
+mod encoding;
+mod error;
+mod levels;
 pub mod maps;
 pub mod procedural;
+pub mod stored;
+pub mod texture;
+
+pub use error::MaterialError;
+pub use maps::MaterialMaps;
+pub use stored::{GRID, Material, MaterialInfo, Maxima, Precision, Wrap};

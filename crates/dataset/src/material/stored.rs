@@ -1,0 +1,280 @@
+//! A material in memory: texels in stored precision, sampled by addressing.
+
+use render::texel::Texel;
+use serde::{Deserialize, Serialize};
+
+use super::encoding::{LANES, Lanes, ROUGHNESS, SPECULAR, STORED, Stored, lanes_of, texel_of};
+use super::levels::{LEVEL_LOG2, Level, chain, level_of};
+use super::{MaterialError, MaterialMaps};
+
+/// Texels of the virtual grid over the material's [−1, 1]² (paper §4: 4096² maps).
+pub const GRID: usize = 4096;
+/// Largest cost of one material; maps of 16 bit are stored in 8 bit when they would cost more.
+pub const MAX_BYTES: usize = 200_000_000;
+
+/// How a tile continues beyond its edge.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Wrap {
+    /// The tile repeats: right for tileable maps.
+    #[default]
+    Repeat,
+    /// Every second tile is mirrored, with the normal's x or y negated (paper Fig. 2): for maps that don't tile.
+    Mirror,
+}
+
+/// The two neighbouring texels of a tile along one axis.
+pub(crate) struct Pair {
+    pub index: [usize; 2],
+    /// −1 where the texel is seen in a mirror.
+    pub sign: [f32; 2],
+}
+
+impl Pair {
+    #[inline(always)]
+    pub(crate) fn seam(&self) -> bool {
+        self.sign[0] != self.sign[1]
+    }
+}
+
+impl Wrap {
+    /// Texels `first` and `first + 1` of an endless axis, as texels of a tile of `size`.
+    #[inline(always)]
+    pub(crate) fn pair(self, first: i32, size: i32) -> Pair {
+        // Far outside any camera's view; keeps `first + 1` from overflowing.
+        let first = first.clamp(-(1 << 24), 1 << 24);
+        match self {
+            Self::Repeat => {
+                let a = modulo(first, size);
+                let b = if a + 1 == size { 0 } else { a + 1 };
+                Pair { index: [a as usize, b as usize], sign: [1.0; 2] }
+            }
+            Self::Mirror => {
+                let a = modulo(first, 2 * size);
+                let b = if a + 1 == 2 * size { 0 } else { a + 1 };
+                let fold = |i: i32| if i < size { (i as usize, 1.0) } else { ((2 * size - 1 - i) as usize, -1.0) };
+                let ((a, sign_a), (b, sign_b)) = (fold(a), fold(b));
+                Pair { index: [a, b], sign: [sign_a, sign_b] }
+            }
+        }
+    }
+}
+
+/// Remainder ≥ 0; a division only where the period isn't a power of two.
+#[inline(always)]
+fn modulo(value: i32, period: i32) -> i32 {
+    if period & (period - 1) == 0 { value & (period - 1) } else { value.rem_euclid(period) }
+}
+
+/// What is known of a material besides its texels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MaterialInfo {
+    /// Name shown to people: folder name, or family and seed.
+    pub name: String,
+    /// What the split is decided by ([`super::split`]): the same for one scan in several colours or sizes.
+    pub identity: String,
+    /// Kind and place it came from, like `pbr textures/Bricks075B` or `procedural brick`.
+    pub source: String,
+    /// Licence of the maps.
+    pub licence: String,
+    /// Whether a frame of it shows enough detail to align by; `None` asks [`super::texture`] to measure.
+    pub textured: Option<bool>,
+    /// How it continues beyond its tile.
+    pub wrap: Wrap,
+    /// Texels of the maps over the material's [−1, 1]² along x; [`GRID`] shows every texel as one texel of the grid.
+    pub texels: usize,
+}
+
+/// Bits per stored number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Precision {
+    /// 8 bit: the default, and right for 8-bit files.
+    Eight,
+    /// 16 bit, for maps of 16-bit files; falls back to 8 bit above [`MAX_BYTES`].
+    Sixteen,
+}
+
+/// Largest value of each map over all channels.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Maxima {
+    /// Of the diffuse albedo.
+    pub diffuse: f32,
+    /// Of the specular albedo.
+    pub specular: f32,
+    /// Of the roughness.
+    pub roughness: f32,
+}
+
+#[derive(Clone, Debug)]
+enum Levels {
+    Eight(Vec<Level<u8>>),
+    Sixteen(Vec<Level<u16>>),
+}
+
+/// The maps of one material.
+#[derive(Clone, Debug)]
+pub struct Material {
+    info: MaterialInfo,
+    maxima: Maxima,
+    /// Texels of level 0 per texel of the grid.
+    scale: f32,
+    levels: Levels,
+}
+
+impl Material {
+    /// Stores the texels that `texel(column, row)` gives for a tile; row 0 is the top.
+    ///
+    /// # Errors
+    /// [`MaterialError::Size`] for an empty tile, [`MaterialError::NonFinite`] when a texel holds NaN or infinity.
+    pub fn build(
+        info: MaterialInfo,
+        width: usize,
+        height: usize,
+        precision: Precision,
+        texel: impl Fn(usize, usize) -> Texel + Sync,
+    ) -> Result<Self, MaterialError> {
+        if width == 0 || height == 0 || info.texels == 0 {
+            return Err(MaterialError::Size { name: info.name, width, height });
+        }
+        let bad = std::sync::atomic::AtomicBool::new(false);
+        let lanes = |x: usize, y: usize| {
+            let lanes = lanes_of(&texel(x, y));
+            if !lanes.iter().all(|v| v.is_finite()) {
+                bad.store(true, std::sync::atomic::Ordering::Relaxed);
+            }
+            lanes
+        };
+        let sixteen = precision == Precision::Sixteen && 2 * bytes(width, height) <= MAX_BYTES;
+        let (levels, maxima) = if sixteen {
+            let finest = Level::<u16>::from_fn(width, height, lanes);
+            let maxima = maxima(&finest);
+            (Levels::Sixteen(chain(finest)), maxima)
+        } else {
+            let finest = Level::<u8>::from_fn(width, height, lanes);
+            let maxima = maxima(&finest);
+            (Levels::Eight(chain(finest)), maxima)
+        };
+        if bad.into_inner() {
+            return Err(MaterialError::NonFinite { name: info.name });
+        }
+        let scale = info.texels as f32 / GRID as f32;
+        let mut material = Self { info, maxima, scale, levels };
+        if material.info.textured.is_none() {
+            material.info.textured = Some(super::texture::is_textured(&material));
+        }
+        Ok(material)
+    }
+
+    /// Stores float maps in 8 bit.
+    ///
+    /// # Errors
+    /// As [`Material::build`].
+    pub fn from_maps(info: MaterialInfo, maps: &MaterialMaps) -> Result<Self, MaterialError> {
+        let three = |planes: &ops::planes::Planes, x: usize, y: usize| std::array::from_fn(|c| planes.at(c, y, x));
+        Self::build(info, maps.width(), maps.height(), Precision::Eight, |x, y| Texel {
+            normal: three(&maps.normal, x, y),
+            diffuse: three(&maps.diffuse, x, y),
+            roughness: maps.roughness.at(0, y, x),
+            specular: three(&maps.specular, x, y),
+        })
+    }
+
+    /// The reflectance at a place of the grid, averaged over a pixel's footprint.
+    ///
+    /// Below one texel per pixel it interpolates bilinearly between the finest texels; above, between mip levels too.
+    ///
+    /// # Units
+    /// `tx`, `ty`: texels of the virtual [`GRID`] over [−1, 1]² (`tx = (X+1)/2·GRID − 0.5`, `ty = (1−Y)/2·GRID − 0.5`), any
+    /// value: the tile goes on for ever. `footprint`: width of a pixel in texels of the same grid.
+    #[inline]
+    pub fn sample(&self, tx: f32, ty: f32, footprint: f32) -> Texel {
+        let x = (tx + 0.5) * self.scale - 0.5;
+        let y = (ty + 0.5) * self.scale - 0.5;
+        let footprint = footprint * self.scale;
+        let lanes = match &self.levels {
+            Levels::Eight(levels) => filtered(levels, x, y, footprint, self.info.wrap),
+            Levels::Sixteen(levels) => filtered(levels, x, y, footprint, self.info.wrap),
+        };
+        texel_of(&lanes)
+    }
+
+    /// Name shown to people.
+    pub fn name(&self) -> &str {
+        &self.info.name
+    }
+
+    /// Everything known besides the texels; `textured` is always decided.
+    pub fn info(&self) -> &MaterialInfo {
+        &self.info
+    }
+
+    /// Whether frames of it show enough detail to align by.
+    pub fn textured(&self) -> bool {
+        self.info.textured.unwrap_or(true)
+    }
+
+    /// Largest stored values.
+    pub fn maxima(&self) -> Maxima {
+        self.maxima
+    }
+
+    /// Columns and rows of the tile.
+    pub fn size(&self) -> [usize; 2] {
+        match &self.levels {
+            Levels::Eight(levels) => [levels[0].width, levels[0].height],
+            Levels::Sixteen(levels) => [levels[0].width, levels[0].height],
+        }
+    }
+
+    /// Texels of the grid per texel of the tile.
+    pub fn texel_size(&self) -> f32 {
+        1.0 / self.scale
+    }
+
+    /// Memory that the texels take.
+    ///
+    /// # Units
+    /// Bytes.
+    pub fn bytes(&self) -> usize {
+        match &self.levels {
+            Levels::Eight(levels) => levels.iter().map(|l| l.data.len()).sum(),
+            Levels::Sixteen(levels) => levels.iter().map(|l| 2 * l.data.len()).sum(),
+        }
+    }
+}
+
+/// Bytes of an 8-bit tile with its levels.
+fn bytes(width: usize, height: usize) -> usize {
+    LEVEL_LOG2.iter().map(|l| (width >> l) * (height >> l) * STORED).sum()
+}
+
+#[inline(always)]
+fn filtered<T: Stored>(levels: &[Level<T>], x: f32, y: f32, footprint: f32, wrap: Wrap) -> Lanes {
+    // The negation catches NaN too.
+    if !(footprint > 1.0) {
+        return levels[0].bilinear(x, y, wrap);
+    }
+    let (level, weight) = level_of(footprint, levels.len());
+    let mut lanes = levels[level].bilinear(x, y, wrap);
+    if weight > 0.0 {
+        let coarser = levels[level + 1].bilinear(x, y, wrap);
+        for lane in 0..LANES {
+            lanes[lane] += weight * (coarser[lane] - lanes[lane]);
+        }
+    }
+    lanes
+}
+
+fn maxima<T: Stored>(level: &Level<T>) -> Maxima {
+    let mut top = [0.0f32; LANES];
+    for y in 0..level.height {
+        for x in 0..level.width {
+            let lanes = level.texel(x, y);
+            for lane in 0..=ROUGHNESS {
+                top[lane] = top[lane].max(lanes[lane]);
+            }
+        }
+    }
+    let highest = |lanes: &[f32]| lanes.iter().copied().fold(0.0, f32::max);
+    Maxima { diffuse: highest(&top[..SPECULAR]), specular: highest(&top[SPECULAR..ROUGHNESS]), roughness: top[ROUGHNESS] }
+}
