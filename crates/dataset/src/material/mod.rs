@@ -3,14 +3,17 @@
 //! A [`Material`] keeps its texels in stored precision and is sampled by addressing: repetition, mirroring, enlargement and
 //! augmentation never build a copy.
 
+pub mod augment;
 mod encoding;
 mod error;
 mod levels;
 pub mod maps;
+pub mod perlin;
 pub mod procedural;
 pub mod stored;
 pub mod texture;
 
+pub use augment::{AugmentConfig, Augmentation, AugmentedMaterial};
 pub use error::MaterialError;
 pub use maps::MaterialMaps;
 pub use stored::{GRID, Material, MaterialInfo, Maxima, Precision, Wrap};

@@ -278,3 +278,6 @@ fn maxima<T: Stored>(level: &Level<T>) -> Maxima {
     let highest = |lanes: &[f32]| lanes.iter().copied().fold(0.0, f32::max);
     Maxima { diffuse: highest(&top[..SPECULAR]), specular: highest(&top[SPECULAR..ROUGHNESS]), roughness: top[ROUGHNESS] }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,162 @@
+//! Perlin masks: where an augmented material shows its second, homogeneous specular layer (paper §4).
+//!
+//! A mask is a function of the texel's position and is evaluated where it is sampled, at any footprint.
+
+use rand::{Rng, RngExt};
+
+use crate::stream::Stream;
+
+/// Seed of the pool of masks: a constant, so that every run draws from the same pool.
+const POOL_SEED: u64 = 0x5045_524c_494e;
+/// Amplitude of each octave relative to the one before.
+const PERSISTENCE: f32 = 0.5;
+/// Frequency of each octave relative to the one before.
+const LACUNARITY: f32 = 2.0;
+/// Typical slope of the noise per unit of its own coordinate: turns a distance in noise value into one in texels.
+const TYPICAL_SLOPE: f32 = 1.0;
+
+/// Gradients of classic Perlin noise, seen in the plane z = 0: the twelve edge midpoints of a cube and four of them again.
+const GRADIENTS: [[f32; 2]; 16] = [
+    [1.0, 1.0],
+    [-1.0, 1.0],
+    [1.0, -1.0],
+    [-1.0, -1.0],
+    [1.0, 0.0],
+    [-1.0, 0.0],
+    [1.0, 0.0],
+    [-1.0, 0.0],
+    [0.0, 1.0],
+    [0.0, -1.0],
+    [0.0, 1.0],
+    [0.0, -1.0],
+    [1.0, 0.0],
+    [-1.0, 0.0],
+    [0.0, -1.0],
+    [0.0, 1.0],
+];
+
+/// Thresholded Perlin noise over the texel grid.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PerlinMask {
+    octaves: u32,
+    wavelength: f32,
+    offset: [f32; 2],
+    threshold: f32,
+}
+
+impl PerlinMask {
+    /// A random mask: octaves from {1, 2, 3}, offset U\[0, 1024\]², threshold U\[−0.3, 0.3\].
+    ///
+    /// # Units
+    /// `wavelength`: range of the coarsest octave's wavelength, in texels of the 4096² grid.
+    pub fn draw(rng: &mut impl Rng, wavelength: [f32; 2]) -> Self {
+        Self {
+            octaves: rng.random_range(1..=3),
+            wavelength: rng.random_range(wavelength[0]..=wavelength[1]),
+            offset: [rng.random_range(0.0..1024.0), rng.random_range(0.0..1024.0)],
+            threshold: rng.random_range(-0.3..=0.3),
+        }
+    }
+
+    /// Mask `index` of the pool that videos draw from (100 masks in the paper's setting); the same in every run.
+    pub fn from_pool(index: u32, wavelength: [f32; 2]) -> Self {
+        Self::draw(&mut Stream::new(POOL_SEED).rng("perlin mask", u64::from(index)), wavelength)
+    }
+
+    /// The noise under the threshold: octaves added and divided by the sum of their amplitudes, so within \[−1, 1\].
+    #[inline]
+    pub fn noise(&self, tx: f32, ty: f32) -> f32 {
+        let mut frequency = 1.0 / self.wavelength;
+        let (mut amplitude, mut sum, mut total) = (1.0, 0.0, 0.0);
+        for octave in 0..self.octaves {
+            let (x, y) = (tx * frequency + self.offset[0], ty * frequency + self.offset[1]);
+            sum += amplitude * perlin(x, y, octave);
+            total += amplitude;
+            amplitude *= PERSISTENCE;
+            frequency *= LACUNARITY;
+        }
+        sum / total
+    }
+
+    /// The mask's value: 1 where the noise is above the threshold, 0 below, and an edge as wide as the footprint between.
+    ///
+    /// # Units
+    /// Texels of the 4096² grid.
+    #[inline]
+    pub fn value(&self, tx: f32, ty: f32, footprint: f32) -> f32 {
+        let texels = (self.noise(tx, ty) - self.threshold) * self.wavelength / TYPICAL_SLOPE;
+        (texels / footprint.max(1.0) + 0.5).clamp(0.0, 1.0)
+    }
+}
+
+/// Classic gradient noise with the quintic fade. Zero at every lattice point.
+#[inline]
+fn perlin(x: f32, y: f32, octave: u32) -> f32 {
+    let (x0, y0) = (x.floor(), y.floor());
+    let (fx, fy) = (x - x0, y - y0);
+    let (ix, iy) = (x0 as i32 as u32, y0 as i32 as u32);
+    let corner = |dx: u32, dy: u32| {
+        let [gx, gy] = GRADIENTS[lattice_hash(ix.wrapping_add(dx), iy.wrapping_add(dy), octave) as usize & 15];
+        gx * (fx - dx as f32) + gy * (fy - dy as f32)
+    };
+    let fade = |t: f32| t * t * t * (t * (t * 6.0 - 15.0) + 10.0);
+    let (u, v) = (fade(fx), fade(fy));
+    let top = corner(0, 0) + u * (corner(1, 0) - corner(0, 0));
+    let bottom = corner(0, 1) + u * (corner(1, 1) - corner(0, 1));
+    top + v * (bottom - top)
+}
+
+/// A well-mixed number per lattice point: what the permutation table is to the original, without its period of 256.
+#[inline]
+fn lattice_hash(x: u32, y: u32, octave: u32) -> u32 {
+    let mut h = x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca77).rotate_left(16) ^ octave.wrapping_mul(0xc2b2_ae3d);
+    h = (h ^ (h >> 15)).wrapping_mul(0x2c1b_3c6d);
+    h = (h ^ (h >> 12)).wrapping_mul(0x297a_2d39);
+    h ^ (h >> 15)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mask(octaves: u32) -> PerlinMask {
+        PerlinMask { octaves, wavelength: 16.0, offset: [3.0, 7.0], threshold: 0.0 }
+    }
+
+    #[test]
+    fn noise_is_zero_on_the_lattice_continuous_and_in_range() {
+        let one = mask(1);
+        assert_eq!(one.noise(32.0, 48.0), 0.0);
+        let (mut low, mut high, mut square) = (0.0f32, 0.0f32, 0.0f64);
+        for i in 0..40_000 {
+            let (x, y) = ((i % 200) as f32 * 1.7, (i / 200) as f32 * 1.3);
+            for octaves in 1..=3 {
+                let here = mask(octaves).noise(x, y);
+                assert!((here - mask(octaves).noise(x + 0.01, y)).abs() < 0.01, "a jump at {x}, {y}");
+                (low, high) = (low.min(here), high.max(here));
+            }
+            square += f64::from(one.noise(x, y)).powi(2);
+        }
+        assert!((-1.0..-0.5).contains(&low) && (0.5..=1.0).contains(&high), "{low}..{high}");
+        // Classic 2-D Perlin noise has a standard deviation near 0.27.
+        assert!((0.2..0.35).contains(&(square / 40_000.0).sqrt()));
+    }
+
+    #[test]
+    fn the_mask_averages_where_a_pixel_covers_much() {
+        let share = |footprint: f32| {
+            (0..10_000).filter(|i| (0.01..0.99).contains(&mask(2).value((i % 100) as f32, (i / 100) as f32, footprint))).count()
+        };
+        assert!(share(1.0) < 1_500 && share(16.0) > 5_000, "{} {}", share(1.0), share(16.0));
+    }
+
+    #[test]
+    fn the_pool_is_fixed_and_varied() {
+        let pool: Vec<_> = (0..100).map(|i| PerlinMask::from_pool(i, [16.0, 64.0])).collect();
+        assert_eq!(pool[7], PerlinMask::from_pool(7, [16.0, 64.0]));
+        for octaves in 1..=3 {
+            assert!(pool.iter().filter(|m| m.octaves == octaves).count() > 15);
+        }
+        assert!(pool.iter().all(|m| (16.0..=64.0).contains(&m.wavelength) && m.threshold.abs() <= 0.3));
+    }
+}
