@@ -1,10 +1,13 @@
 //! 3×3 convolution with edge or zero padding, stride and dilation: the one convolution both nets use.
 
+use burn::backend::Dispatch;
 use burn::tensor::{
     Tensor,
     module::conv2d,
     ops::{ConvOptions, PadMode},
 };
+
+use crate::kernel::{self, NetKernels};
 
 /// What surrounds the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,6 +51,9 @@ impl Conv3x3 {
 /// # Shapes
 /// `x [N, I, H, W]`, `weight [O, I, 3, 3]` → `[N, O, ceil(H / stride), ceil(W / stride)]`
 pub fn conv3x3(x: Tensor<4>, weight: Tensor<4>, geometry: Conv3x3) -> Tensor<4> {
+    if kernel::available(&x) {
+        return Tensor::from_dispatch(Dispatch::conv3x3(x.into_dispatch(), weight.into_dispatch(), geometry));
+    }
     reference(x, weight, geometry)
 }
 

@@ -1,9 +1,12 @@
 //! Bilinear warping of features with validity, and the masked maximum over warped frames (paper §6).
 
+use burn::backend::Dispatch;
 use burn::tensor::{
     Int, Tensor,
     ops::{GridSampleOptions, GridSamplePaddingMode, InterpolateMode},
 };
+
+use crate::kernel::{self, NetKernels};
 
 /// Features sampled at a flow's source positions.
 #[derive(Clone, Debug)]
@@ -30,6 +33,17 @@ fn positions(flow: Tensor<4>) -> (Tensor<3>, Tensor<3>) {
 /// # Shapes
 /// `x [N, C, H, W]`, `flow [N, 2, H, W]`. A NaN flow is invalid.
 pub fn warp(x: Tensor<4>, flow: Tensor<4>) -> Warped {
+    if kernel::available(&x) {
+        let mask = |flow: Tensor<4>| -> Tensor<4> { Tensor::from_dispatch(Dispatch::warp_valid(flow.into_dispatch())) };
+        let valid =
+            if flow.device().is_autodiff() { Tensor::from_inner(mask(flow.clone().inner())) } else { mask(flow.clone()) };
+        return Warped { values: Tensor::from_dispatch(Dispatch::warp(x.into_dispatch(), flow.into_dispatch())), valid };
+    }
+    reference_warp(x, flow)
+}
+
+/// The composed route: any device, the meaning of [`warp`].
+pub fn reference_warp(x: Tensor<4>, flow: Tensor<4>) -> Warped {
     let [n, c, h, w] = x.dims();
     let broken = flow.clone().is_nan();
     let (px, py) = positions(flow.mask_fill(broken, -1e6));
@@ -55,13 +69,17 @@ pub fn warp(x: Tensor<4>, flow: Tensor<4>) -> Warped {
 /// # Source
 /// Paper §6. Departs: invalid pixels are masked instead of set to −1e38, so no huge number enters the graph.
 pub fn warp_max(guidance: Tensor<4>, features: Tensor<4>, flow: Tensor<4>) -> Tensor<4> {
+    if kernel::available(&features) {
+        let (guidance, features) = (guidance.into_dispatch(), features.into_dispatch());
+        return Tensor::from_dispatch(Dispatch::warp_max(guidance, features, flow.into_dispatch()));
+    }
     reference_warp_max(guidance, features, flow)
 }
 
 /// The composed route: any device, the meaning of [`warp_max`].
 pub fn reference_warp_max(guidance: Tensor<4>, features: Tensor<4>, flow: Tensor<4>) -> Tensor<4> {
     let [k, c, h, w] = features.dims();
-    let Warped { values, valid } = warp(features, flow);
+    let Warped { values, valid } = reference_warp(features, flow);
     let mut pooled = guidance;
     for i in 0..k {
         let frame = values.clone().slice([i..i + 1, 0..c, 0..h, 0..w]);

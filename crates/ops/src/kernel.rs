@@ -1,1 +1,0 @@
-//! CPU kernels behind the one extension of burn's back ends.

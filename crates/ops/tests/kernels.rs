@@ -1,0 +1,130 @@
+//! Every kernel equals its composed reference in value and gradient: odd sizes, one-pixel images, borders, batches.
+
+use burn::tensor::{Device, Tensor, TensorData};
+use ops::conv::{Conv3x3, Padding};
+use ops::planes::values;
+
+fn device() -> Device {
+    Device::flex().autodiff()
+}
+
+fn wave<const D: usize>(shape: [usize; D], phase: f32) -> Tensor<D> {
+    let count = shape.iter().product::<usize>();
+    let data: Vec<f32> = (0..count).map(|i| (((i * 7919) % 9973) as f32 * 0.31 + phase).sin()).collect();
+    Tensor::from_data(TensorData::new(data, shape), &device())
+}
+
+/// Value of `f` and the gradients of a weighted sum of it with respect to every input.
+fn value_and_gradients(inputs: &[Tensor<4>], f: impl Fn(&[Tensor<4>]) -> Tensor<4>) -> Vec<Vec<f32>> {
+    let inputs: Vec<_> = inputs.iter().map(|t| t.clone().require_grad()).collect();
+    let out = f(&inputs);
+    let weights = wave(out.dims(), 3.0);
+    let gradients = (out.clone() * weights).sum().backward();
+    let mut all = vec![values(out.inner())];
+    all.extend(inputs.iter().map(|t| t.grad(&gradients).map(values).unwrap_or_default()));
+    all
+}
+
+fn assert_equal(name: &str, a: &[Vec<f32>], b: &[Vec<f32>]) {
+    for (part, (a, b)) in a.iter().zip(b).enumerate() {
+        assert_eq!(a.len(), b.len(), "{name}, part {part}");
+        let scale = b.iter().fold(1e-3f32, |m, v| m.max(v.abs()));
+        let worst = a.iter().zip(b).fold(0.0f32, |m, (x, y)| m.max((x - y).abs()));
+        assert!(worst <= 2e-5 * scale, "{name}, part {part}: differs by {worst}, largest value {scale}");
+    }
+}
+
+#[test]
+fn convolution_equals_its_reference() {
+    let sizes = [
+        (1, 1, 1, 1, 1),
+        (2, 3, 5, 7, 9),
+        (1, 5, 2, 33, 18),
+        (2, 18, 7, 16, 40),
+        (3, 4, 13, 20, 17),
+        (1, 2, 6, 4, 64),
+        (2, 19, 3, 3, 2),
+    ];
+    for padding in [Padding::Edge, Padding::Zero] {
+        for (stride, dilation) in [(1, 1), (2, 1), (1, 2), (1, 4)] {
+            for (n, i, o, h, w) in sizes {
+                let geometry = Conv3x3 { stride, dilation, padding };
+                let inputs = [wave([n, i, h, w], 0.0), wave([o, i, 3, 3], 1.0)];
+                let fast = value_and_gradients(&inputs, |t| ops::conv::conv3x3(t[0].clone(), t[1].clone(), geometry));
+                let plain = value_and_gradients(&inputs, |t| ops::conv::reference(t[0].clone(), t[1].clone(), geometry));
+                assert_equal(&format!("{geometry:?} on {n}×{i}→{o}×{h}×{w}"), &fast, &plain);
+            }
+        }
+    }
+}
+
+#[test]
+fn convolution_takes_a_permuted_input() {
+    let geometry = Conv3x3::same(Padding::Edge);
+    let inputs = [wave([2, 20, 18, 3], 0.0), wave([4, 3, 3, 3], 1.0)];
+    let fast = value_and_gradients(&inputs, |t| ops::conv::conv3x3(t[0].clone().permute([0, 3, 1, 2]), t[1].clone(), geometry));
+    let plain =
+        value_and_gradients(&inputs, |t| ops::conv::reference(t[0].clone().permute([0, 3, 1, 2]), t[1].clone(), geometry));
+    assert_equal("permuted", &fast, &plain);
+}
+
+#[test]
+fn bias_and_leaky_relu_equal_their_reference() {
+    for (n, c, h, w) in [(1, 1, 1, 1), (2, 3, 5, 7), (3, 2, 17, 9)] {
+        for rows in [1, n] {
+            let inputs = [wave([n, c, h, w], 0.0), wave([rows, c, 1, 1], 1.0)];
+            let bias = |t: &Tensor<4>| Some(t.clone().reshape([rows, c]));
+            let fast = value_and_gradients(&inputs, |t| ops::activation::bias_leaky_relu(t[0].clone(), bias(&t[1]), 0.2));
+            let plain = value_and_gradients(&inputs, |t| ops::activation::reference(t[0].clone(), bias(&t[1]), 0.2));
+            assert_equal(&format!("bias rows {rows} on {n}×{c}×{h}×{w}"), &fast, &plain);
+        }
+    }
+}
+
+#[test]
+fn cost_volume_equals_its_reference() {
+    for (n, c, h, w, radius) in [(1, 1, 1, 1, 4), (2, 5, 7, 9, 4), (1, 18, 6, 19, 2), (2, 3, 12, 8, 1)] {
+        let inputs = [wave([n, c, h, w], 0.0), wave([n, c, h, w], 1.0)];
+        let fast = value_and_gradients(&inputs, |t| ops::cost_volume::cost_volume(t[0].clone(), t[1].clone(), radius));
+        let plain = value_and_gradients(&inputs, |t| ops::cost_volume::reference(t[0].clone(), t[1].clone(), radius));
+        assert_equal(&format!("cost volume {n}×{c}×{h}×{w} radius {radius}"), &fast, &plain);
+    }
+}
+
+#[test]
+fn warp_equals_its_reference() {
+    for (n, c, h, w) in [(1, 1, 2, 2), (2, 5, 7, 9), (1, 3, 12, 31)] {
+        let inputs = [wave([n, c, h, w], 0.0), wave([n, 2, h, w], 1.0).mul_scalar(3.0)];
+        let fast = value_and_gradients(&inputs, |t| ops::warp::warp(t[0].clone(), t[1].clone()).values);
+        let plain = value_and_gradients(&inputs, |t| ops::warp::reference_warp(t[0].clone(), t[1].clone()).values);
+        assert_equal(&format!("warp {n}×{c}×{h}×{w}"), &fast, &plain);
+        let valid = |w: ops::warp::Warped| values(w.valid);
+        let (a, b) = (inputs[0].clone(), inputs[1].clone());
+        assert_eq!(valid(ops::warp::warp(a.clone(), b.clone())), valid(ops::warp::reference_warp(a, b)));
+    }
+}
+
+#[test]
+fn masked_maximum_equals_its_reference_and_ignores_what_is_outside() {
+    for (k, c, h, w) in [(1, 1, 2, 3), (3, 4, 7, 9), (5, 2, 20, 16)] {
+        let inputs = [wave([1, c, h, w], 0.5), wave([k, c, h, w], 0.0)];
+        let flow = wave([k, 2, h, w], 1.0).mul_scalar(4.0);
+        let fast = value_and_gradients(&inputs, |t| ops::warp::warp_max(t[0].clone(), t[1].clone(), flow.clone()));
+        let plain = value_and_gradients(&inputs, |t| ops::warp::reference_warp_max(t[0].clone(), t[1].clone(), flow.clone()));
+        assert_equal(&format!("warp_max {k}×{c}×{h}×{w}"), &fast, &plain);
+        let away = Tensor::full([k, 2, h, w], 1e4, &device());
+        assert_eq!(values(ops::warp::warp_max(inputs[0].clone(), inputs[1].clone(), away)), values(inputs[0].clone()));
+    }
+}
+
+#[test]
+fn gradients_agree_with_central_differences() {
+    let x: Vec<f32> = (0..2 * 3 * 4).map(|i| (i as f32 * 0.7).sin()).collect();
+    let worst = ops::gradcheck::largest_relative_error(&x, [1, 2, 3, 4], 1e-2, |x: Tensor<4>| {
+        let weight = wave([3, 2, 3, 3], 0.3);
+        ops::conv::conv3x3(x, weight, Conv3x3::halving(Padding::Edge)).powi_scalar(2).sum().reshape([1])
+    });
+    assert!(worst < 1e-2, "{worst}");
+    let nan = Tensor::<4>::full([1, 2, 2, 2], f32::NAN, &device());
+    assert_eq!(values(ops::warp::warp(wave([1, 1, 2, 2], 0.0), nan).valid), vec![0.0; 4]);
+}
