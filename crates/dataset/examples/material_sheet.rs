@@ -23,7 +23,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let out = arguments.first().ok_or("usage: material_sheet OUT.png [FAMILY,FAMILY…] [FIRST_SEED] [SEEDS]")?;
     let families: Vec<Family> = match arguments.get(1).map(String::as_str) {
         None | Some("all") => Family::ALL.to_vec(),
-        Some(names) => names.split(',').map(|n| Family::from_name(n).ok_or(format!("no family {n}"))).collect::<Result<_, _>>()?,
+        Some(names) => {
+            names.split(',').map(|n| Family::from_name(n).ok_or(format!("no family {n}"))).collect::<Result<_, _>>()?
+        }
     };
     let first: u64 = arguments.get(2).map_or(Ok(0), |s| s.parse())?;
     let seeds: u64 = arguments.get(3).map_or(Ok(3), |s| s.parse())?;
@@ -82,7 +84,9 @@ fn pixel(maps: &MaterialMaps, picture: usize, x: usize, y: usize) -> [f32; 3] {
     for sy in 0..per {
         for sx in 0..per {
             let (tx, ty) = (offset + x * per + sx, offset + y * per + sy);
-            let at = |planes: &ops::planes::Planes| -> [f32; 3] { std::array::from_fn(|c| planes.at(c.min(planes.channels - 1), ty, tx)) };
+            let at = |planes: &ops::planes::Planes| -> [f32; 3] {
+                std::array::from_fn(|c| planes.at(c.min(planes.channels - 1), ty, tx))
+            };
             let value = match picture {
                 0 => flash(at(&maps.normal), at(&maps.diffuse), at(&maps.roughness)[0], at(&maps.specular), x, y),
                 1 => at(&maps.normal).map(|v| (0.5 * v + 0.5).powf(2.2)),

@@ -41,13 +41,17 @@ pub fn rusted_metal(draw: &mut Draw) -> MaterialMaps {
     let height = Field::from_fn(draw.size, |_, _| {
         let t = texel;
         texel += 1;
-        cover.data[t] * (crust * (0.6 + 0.6 * rust.bloom.data[t] + 0.5 * rust.grit.data[t]) - 1.2 * pits.data[t]) + 0.15 * rust.grit.data[t]
+        cover.data[t] * (crust * (0.6 + 0.6 * rust.bloom.data[t] + 0.5 * rust.grit.data[t]) - 1.2 * pits.data[t])
+            + 0.15 * rust.grit.data[t]
     });
     let relief = height.relief(8.0);
     let steel = scale(metal::IRON, draw.between(0.45, 1.0));
     let rough = draw.between(0.25, 0.5);
     paint(height, |t| {
-        let clean = Coat::metal(scale(steel, 0.85 + 0.35 * streaks.data[t] + 0.25 * rust.grit.data[t]), rough + 0.2 * wx.data[t] + 0.1 * rust.grit.data[t]);
+        let clean = Coat::metal(
+            scale(steel, 0.85 + 0.35 * streaks.data[t] + 0.25 * rust.grit.data[t]),
+            rough + 0.2 * wx.data[t] + 0.1 * rust.grit.data[t],
+        );
         let tone = 0.15 * (relief.data[t]).clamp(-1.5, 1.5) - 0.3 * pits.data[t] + 0.35 * streaks.data[t];
         clean.under(rust.coat(t, tone), cover.data[t])
     })
@@ -75,14 +79,16 @@ pub fn chipped_paint(draw: &mut Draw) -> MaterialMaps {
         texel += 1;
         let film = thick * (0.4 * (1.0 - bare.data[t]) + 0.6 * (1.0 - primer.data[t]));
         let skin = 0.06 * peel.data[t] * (1.0 - primer.data[t]);
-        film + skin + old.data[t] * (0.8 * rust.bloom.data[t] + 0.7 * rust.grit.data[t] + 0.3) + 0.5 * fade.data[t] - 0.5 * cuts.data[t]
+        film + skin + old.data[t] * (0.8 * rust.bloom.data[t] + 0.7 * rust.grit.data[t] + 0.3) + 0.5 * fade.data[t]
+            - 0.5 * cuts.data[t]
     });
     let colour = draw.hsv([0.0, 1.0], [0.15, 0.85], [0.2, 0.9]);
     let (under, steel) = (draw.hsv([0.0, 0.12], [0.1, 0.6], [0.3, 0.7]), scale(metal::IRON, draw.between(0.6, 1.0)));
     let (gloss, f0) = (draw.between(0.18, 0.6), draw.between(0.04, 0.06));
     let grime = draw.between(0.05, 0.35);
     paint(height, |t| {
-        let metal_coat = Coat::metal(scale(steel, 0.9 + 0.3 * rust.grit.data[t]), 0.32 + 0.15 * rust.grit.data[t] + 0.2 * fade.data[t]);
+        let metal_coat =
+            Coat::metal(scale(steel, 0.9 + 0.3 * rust.grit.data[t]), 0.32 + 0.15 * rust.grit.data[t] + 0.2 * fade.data[t]);
         let open = metal_coat.under(rust.coat(t, 0.1), old.data[t]);
         let tone = 1.0 + 0.25 * fade.data[t] - grime * smoothstep(0.0, 0.5, rust.bloom.data[t]) + 0.06 * rust.grit.data[t];
         let top = Coat::dielectric(scale(colour, tone), gloss + 0.2 * fade.data[t] + 0.05 * rust.grit.data[t], f0);

@@ -32,7 +32,8 @@ pub fn gravel(draw: &mut Draw) -> MaterialMaps {
             let reach = (cell.border / 0.34).clamp(0.0, 1.0);
             let shape = if angular { smoothstep(0.0, 0.55, reach) } else { (1.0 - (1.0 - reach).powi(2)).max(0.0).sqrt() };
             let lean = (unit(cell.id, 2) - 0.5) * cell.offset[0] + (unit(cell.id, 3) - 0.5) * cell.offset[1];
-            let top = width * ((0.16 + 0.12 * unit(cell.id, 4)) * shape + if angular { 0.3 } else { 0.12 } * lean) + 0.5 * grit.data[t];
+            let top = width * ((0.16 + 0.12 * unit(cell.id, 4)) * shape + if angular { 0.3 } else { 0.12 } * lean)
+                + 0.5 * grit.data[t];
             if reach > 0.02 && top > best.1 {
                 best = (hash(cell.id, k as u32, 1).max(1), top);
             }
@@ -63,7 +64,8 @@ pub fn sand(draw: &mut Draw) -> MaterialMaps {
     let waves = draw.whole(8, 26) as f32;
     let tilt = draw.whole(0, 3) as f32;
     let ripple = if draw.chance(0.6) { draw.between(1.0, 4.0) } else { 0.0 };
-    let (grains, coarse, dunes) = (draw.fbm(Fbm::new(6.0, 2).gain(0.9)), draw.fbm(Fbm::new(40.0, 5).gain(0.6)), draw.noise(280.0, 4));
+    let (grains, coarse, dunes) =
+        (draw.fbm(Fbm::new(6.0, 2).gain(0.9)), draw.fbm(Fbm::new(40.0, 5).gain(0.6)), draw.noise(280.0, 4));
     let count = draw.whole(0, 260);
     let pebbles: Vec<Stamp> = (0..count)
         .map(|_| {
@@ -72,7 +74,8 @@ pub fn sand(draw: &mut Draw) -> MaterialMaps {
             Stamp::random(draw, half, -0.4 * radius)
         })
         .collect();
-    let hits = scatter(size, 0.0, &pebbles, |a, b, id| Some((1.0 - a * a - b * b).max(0.0).sqrt() * (3.0 + 4.0 * unit(id, 1)) - 1.0));
+    let hits =
+        scatter(size, 0.0, &pebbles, |a, b, id| Some((1.0 - a * a - b * b).max(0.0).sqrt() * (3.0 + 4.0 * unit(id, 1)) - 1.0));
     let (bumps, grain_height) = (draw.between(1.0, 4.5), draw.between(0.4, 1.1));
     let mut texel = 0;
     let height = Field::from_fn(size, |x, y| {
@@ -80,7 +83,11 @@ pub fn sand(draw: &mut Draw) -> MaterialMaps {
         texel += 1;
         let phase = (y * waves + x * tilt) / TILE + 1.4 * wx.data[t];
         let wave = (TAU * phase).sin();
-        ripple * (wave - 0.25 * wave * wave) * (1.0 + wy.data[t]) + bumps * coarse.data[t] + 4.0 * dunes.data[t] + grain_height * grains.data[t] + hits[t].height.max(0.0)
+        ripple * (wave - 0.25 * wave * wave) * (1.0 + wy.data[t])
+            + bumps * coarse.data[t]
+            + 4.0 * dunes.data[t]
+            + grain_height * grains.data[t]
+            + hits[t].height.max(0.0)
     });
     let relief = height.relief(10.0);
     let base = draw.hsv([0.05, 0.13], [0.12, 0.5], [0.35, 0.9]);
@@ -118,7 +125,9 @@ pub fn leaves(draw: &mut Draw) -> MaterialMaps {
         let side = b.abs() / (taper * lobe).max(1e-3);
         let curl = (unit(id, 3) - 0.3) * 9.0;
         let rib = 0.9 * smoothstep(0.1, 0.0, b.abs());
-        (side < 1.0).then(|| curl * (b * b + 0.4 * a * a) + rib * (1.0 - a.abs()) + (unit(id, 4) - 0.5) * 5.0 * a + (unit(id, 5) - 0.5) * 4.0 * b)
+        (side < 1.0).then(|| {
+            curl * (b * b + 0.4 * a * a) + rib * (1.0 - a.abs()) + (unit(id, 4) - 0.5) * 5.0 * a + (unit(id, 5) - 0.5) * 4.0 * b
+        })
     };
     let hits = scatter(size, -4.0, &stamps, outline);
     let (grit, coarse) = (draw.fbm(Fbm::new(9.0, 3).gain(0.75)), draw.noise(60.0, 4));
@@ -162,11 +171,19 @@ pub fn grass(draw: &mut Draw) -> MaterialMaps {
     let blade = |a: f32, b: f32, id: u32| -> Option<f32> {
         let bow = b + (unit(id, 1) - 0.5) * 0.9 * (1.0 - a * a) - 0.1;
         let half_width = 0.55 * (1.0 - a.abs().powi(3));
-        (bow.abs() < half_width).then(|| 2.5 * (1.0 - a * a) + 1.2 * (1.0 - (bow / half_width).powi(2)) + 3.0 * (unit(id, 2) - 0.5) * a)
+        (bow.abs() < half_width)
+            .then(|| 2.5 * (1.0 - a * a) + 1.2 * (1.0 - (bow / half_width).powi(2)) + 3.0 * (unit(id, 2) - 0.5) * a)
     };
     let hits = scatter(size, -3.0, &stamps, blade);
     let grit = draw.fbm(Fbm::new(10.0, 3).gain(0.7));
-    let height = Field { size, data: hits.iter().zip(&grit.data).map(|(h, g)| if h.id == 0 { h.height + 2.0 * g } else { h.height + 0.3 * g }).collect() };
+    let height = Field {
+        size,
+        data: hits
+            .iter()
+            .zip(&grit.data)
+            .map(|(h, g)| if h.id == 0 { h.height + 2.0 * g } else { h.height + 0.3 * g })
+            .collect(),
+    };
     let height = height.blur(0.8);
     let relief = height.relief(9.0);
     let green = draw.hsv([0.2, 0.3], [0.45, 0.8], [0.3, 0.6]);

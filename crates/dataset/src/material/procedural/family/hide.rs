@@ -30,10 +30,17 @@ pub fn leather(draw: &mut Draw) -> MaterialMaps {
         let grain = smoothstep(0.0, 0.3, b.border).powf(0.7);
         cells.push((a.id, cushion * (1.0 - fine) + fine * grain));
         let fold = smoothstep(0.75, 1.0, creases.data[t]);
-        depth * (cushion * (0.8 + 0.4 * unit(a.id, 1)) + fine * grain) - wrinkle * fold + 0.15 * pores.data[t] + 1.5 * cloud.data[t]
+        depth * (cushion * (0.8 + 0.4 * unit(a.id, 1)) + fine * grain) - wrinkle * fold
+            + 0.15 * pores.data[t]
+            + 1.5 * cloud.data[t]
     });
-    let dye = if draw.chance(0.65) { draw.hsv([0.02, 0.1], [0.3, 0.75], [0.12, 0.65]) } else { draw.hsv([0.0, 1.0], [0.0, 0.6], [0.05, 0.85]) };
-    let (deep, rubbed) = (scale(draw.near(dye, 0.2), 0.45), mix(draw.near(dye, 0.15), [0.75, 0.66, 0.55], draw.between(0.0, 0.3)));
+    let dye = if draw.chance(0.65) {
+        draw.hsv([0.02, 0.1], [0.3, 0.75], [0.12, 0.65])
+    } else {
+        draw.hsv([0.0, 1.0], [0.0, 0.6], [0.05, 0.85])
+    };
+    let (deep, rubbed) =
+        (scale(draw.near(dye, 0.2), 0.45), mix(draw.near(dye, 0.15), [0.75, 0.66, 0.55], draw.between(0.0, 0.3)));
     let (wear, mottle) = (draw.between(0.1, 0.7), draw.between(0.1, 0.35));
     let (rough, f0) = (draw.between(0.32, 0.65), draw.between(0.035, 0.055));
     paint(height, |t| {

@@ -21,7 +21,13 @@ pub fn bricks(draw: &mut Draw) -> MaterialMaps {
         _ => Courses::bond(columns, rows, 0.5, seed),
     };
     let mortar = draw.between(4.0, 9.0);
-    let bricks = Blocks { gap: mortar, wobble: draw.between(1.0, 4.0), chips: draw.between(0.0, 7.0), tilt: draw.between(0.3, 1.5), rise: draw.between(3.0, 8.0) };
+    let bricks = Blocks {
+        gap: mortar,
+        wobble: draw.between(1.0, 4.0),
+        chips: draw.between(0.0, 7.0),
+        tilt: draw.between(0.3, 1.5),
+        rise: draw.between(3.0, 8.0),
+    };
     let clay = brick_clay(draw);
     let joint = draw.pick(&[srgb(168, 160, 148), srgb(128, 122, 114), srgb(200, 192, 178), srgb(92, 88, 84)]);
     let joint = draw.near(joint, 0.15);
@@ -31,7 +37,13 @@ pub fn bricks(draw: &mut Draw) -> MaterialMaps {
 /// Paving blocks in a herringbone, straight or diagonal.
 pub fn pavers(draw: &mut Draw) -> MaterialMaps {
     let pattern = Herringbone::new(draw.between(42.0, 85.0), draw.pick(&[2, 2, 3]), draw.chance(0.5), draw.seed());
-    let blocks = Blocks { gap: draw.between(3.0, 6.0), wobble: draw.between(0.5, 1.5), chips: draw.between(0.0, 4.0), tilt: draw.between(0.3, 1.2), rise: draw.between(3.0, 6.0) };
+    let blocks = Blocks {
+        gap: draw.between(3.0, 6.0),
+        wobble: draw.between(0.5, 1.5),
+        chips: draw.between(0.0, 4.0),
+        tilt: draw.between(0.3, 1.2),
+        rise: draw.between(3.0, 6.0),
+    };
     let clay = if draw.chance(0.5) {
         brick_clay(draw)
     } else {
@@ -80,7 +92,8 @@ impl Blocks {
             let broken = self.chips * (coarse.data[texel] * 1.5 + grit.data[texel] * 0.6 - 0.35).max(0.0);
             let face = smoothstep(0.0, bevel, s.inside(radius) - 0.5 * self.gap - broken);
             let lean = (unit(s.id, 1) - 0.5) * s.at[0] / s.half[0] + (unit(s.id, 2) - 0.5) * s.at[1] / s.half[1];
-            let top = self.rise + self.tilt * (unit(s.id, 3) + lean) + 0.9 * grit.data[texel] + 1.2 * coarse.data[texel] - 2.0 * pits.data[texel];
+            let top = self.rise + self.tilt * (unit(s.id, 3) + lean) + 0.9 * grit.data[texel] + 1.2 * coarse.data[texel]
+                - 2.0 * pits.data[texel];
             let bed = 1.2 * coarse.data[texel] + 1.6 * grit.data[texel];
             ids.push(s.id);
             faces.push(face);
@@ -110,7 +123,13 @@ pub fn cobbles(draw: &mut Draw) -> MaterialMaps {
     let stones = draw.worley(width);
     let stone = draw.hsv([0.04, 0.14], [0.02, 0.25], [0.3, 0.65]);
     let bed = draw.hsv([0.07, 0.12], [0.15, 0.5], [0.2, 0.5]);
-    let shape = Stones { dome: draw.between(0.35, 0.6), gap: draw.between(2.0, 5.0), rise: draw.between(9.0, 18.0), wobble: draw.between(3.0, 8.0), rugged: draw.between(0.6, 1.6) };
+    let shape = Stones {
+        dome: draw.between(0.35, 0.6),
+        gap: draw.between(2.0, 5.0),
+        rise: draw.between(9.0, 18.0),
+        wobble: draw.between(3.0, 8.0),
+        rugged: draw.between(0.6, 1.6),
+    };
     shape.build(draw, &stones, stone, bed)
 }
 
@@ -120,7 +139,13 @@ pub fn flagstones(draw: &mut Draw) -> MaterialMaps {
     let stones = Worley::new(draw.scale_between(100.0, 210.0), [stretch, 1.0 / stretch], 0.8, draw.seed());
     let stone = draw.hsv([0.03, 0.2], [0.03, 0.3], [0.35, 0.75]);
     let bed = draw.hsv([0.06, 0.12], [0.05, 0.35], [0.3, 0.75]);
-    let shape = Stones { dome: draw.between(0.06, 0.14), gap: draw.between(4.0, 9.0), rise: draw.between(4.0, 8.0), wobble: draw.between(8.0, 16.0), rugged: draw.between(1.2, 2.6) };
+    let shape = Stones {
+        dome: draw.between(0.06, 0.14),
+        gap: draw.between(4.0, 9.0),
+        rise: draw.between(4.0, 8.0),
+        wobble: draw.between(8.0, 16.0),
+        rugged: draw.between(1.2, 2.6),
+    };
     shape.build(draw, &stones, stone, bed)
 }
 
@@ -167,7 +192,11 @@ impl Stones {
             let soil = scale(bed, 1.0 + 0.7 * grit.data[t]);
             let cavity = 1.0 + (0.09 * relief.data[t]).clamp(-0.6, 0.25);
             let base = scale(mix(soil, top, faces[t]), cavity);
-            Coat::dielectric(base, lerp(0.93, rough, faces[t]) - 0.1 * grit.data[t] - 0.02 * relief.data[t].clamp(-2.0, 2.0), f0)
+            Coat::dielectric(
+                base,
+                lerp(0.93, rough, faces[t]) - 0.1 * grit.data[t] - 0.02 * relief.data[t].clamp(-2.0, 2.0),
+                f0,
+            )
         })
     }
 }

@@ -45,7 +45,10 @@ pub fn brushed_metal(draw: &mut Draw) -> MaterialMaps {
     paint(height, |t| {
         let streak = 0.6 * grooves.data[t] + 0.4 * bands.data[t];
         let tone = (0.86 + uneven * streak - 0.2 * strokes.data[t]) * (1.0 - dirt * smoothstep(0.0, 0.6, stain.data[t]));
-        Coat::metal(scale(f0, tone.clamp(0.2, 1.1)), rough + 0.25 * uneven * streak + 0.12 * strokes.data[t] + 0.1 * stain.data[t])
+        Coat::metal(
+            scale(f0, tone.clamp(0.2, 1.1)),
+            rough + 0.25 * uneven * streak + 0.12 * strokes.data[t] + 0.1 * stain.data[t],
+        )
     })
 }
 
@@ -98,7 +101,8 @@ pub fn diamond_plate(draw: &mut Draw) -> MaterialMaps {
     let size = draw.size;
     let count = draw.whole(7, 16) as f32;
     let pitch = TILE / count;
-    let (long, wide, rise) = (draw.between(0.36, 0.46) * pitch, draw.between(0.11, 0.17) * pitch, draw.between(0.05, 0.09) * pitch);
+    let (long, wide, rise) =
+        (draw.between(0.36, 0.46) * pitch, draw.between(0.11, 0.17) * pitch, draw.between(0.05, 0.09) * pitch);
     let bars = draw.pick(&[1, 1, 2, 3]);
     let (grit, stain) = (draw.fbm(Fbm::new(9.0, 3).gain(0.75)), draw.noise(150.0, 6));
     let mut texel = 0;
@@ -133,7 +137,9 @@ pub fn diamond_plate(draw: &mut Draw) -> MaterialMaps {
             Some(colour) => Coat::dielectric(scale(colour, tone + 0.1), 0.4 + 0.2 * grit.data[t], 0.045).under(bright, top),
             None => bright,
         };
-        let crevice = (0.5 * (-relief.data[t]).clamp(0.0, 1.5) + 0.8 * smoothstep(0.15, 0.6, stain.data[t]) * (1.0 - studs.data[t])) * dirt;
+        let crevice = (0.5 * (-relief.data[t]).clamp(0.0, 1.5)
+            + 0.8 * smoothstep(0.15, 0.6, stain.data[t]) * (1.0 - studs.data[t]))
+            * dirt;
         base.under(Coat::dielectric(srgb(58, 48, 38), 0.9, 0.03), crevice.clamp(0.0, 0.9))
     })
 }

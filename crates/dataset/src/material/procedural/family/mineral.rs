@@ -24,7 +24,11 @@ pub fn plaster(draw: &mut Draw) -> MaterialMaps {
 }
 
 fn wall_colour(draw: &mut Draw) -> Rgb {
-    if draw.chance(0.6) { draw.hsv([0.05, 0.17], [0.0, 0.25], [0.6, 0.97]) } else { draw.hsv([0.0, 1.0], [0.1, 0.55], [0.35, 0.9]) }
+    if draw.chance(0.6) {
+        draw.hsv([0.05, 0.17], [0.0, 0.25], [0.6, 0.97])
+    } else {
+        draw.hsv([0.0, 1.0], [0.1, 0.55], [0.35, 0.9])
+    }
 }
 
 /// Rough render: thrown lumps, some flattened with a trowel, dirt between them.
@@ -61,7 +65,8 @@ pub fn concrete(draw: &mut Draw) -> MaterialMaps {
     let grit = draw.fbm(Fbm::new(10.0, 3).gain(0.75));
     let holes = air_holes(draw);
     let boards = draw.chance(0.35).then(|| (draw.whole(4, 9) as f32, draw.fbm(Fbm::stretched(6.0, 260.0, 3))));
-    let cracks = draw.ridged(Fbm::new(330.0, 5)).upper_share(if draw.chance(0.5) { draw.between(0.004, 0.015) } else { 0.0 }, 0.02);
+    let cracks =
+        draw.ridged(Fbm::new(330.0, 5)).upper_share(if draw.chance(0.5) { draw.between(0.004, 0.015) } else { 0.0 }, 0.02);
     let roughness_of_cast = draw.between(0.15, 0.9);
     let mut texel = 0;
     let height = Field::from_fn(size, |x, _| {
@@ -70,7 +75,8 @@ pub fn concrete(draw: &mut Draw) -> MaterialMaps {
         let mut h = roughness_of_cast * grit.data[t] + 2.0 * cloud.data[t] - 3.0 * holes.data[t] - 2.0 * cracks.data[t];
         if let Some((count, grain)) = &boards {
             let across = (x / TILE * count).fract();
-            h += 0.8 * grain.data[t] + 1.2 * unit(3, (x / TILE * count) as u32) - 1.6 * smoothstep(0.012, 0.0, across.min(1.0 - across));
+            h += 0.8 * grain.data[t] + 1.2 * unit(3, (x / TILE * count) as u32)
+                - 1.6 * smoothstep(0.012, 0.0, across.min(1.0 - across));
         }
         h
     });
@@ -78,7 +84,10 @@ pub fn concrete(draw: &mut Draw) -> MaterialMaps {
     let (contrast, speckle) = (draw.between(0.1, 0.35), draw.between(0.1, 0.4));
     let (rough, f0) = (draw.between(0.45, 0.85), draw.between(0.025, 0.045));
     paint(height, |t| {
-        let tone = 1.0 + contrast * (cloud.data[t] + 0.6 * stain.data[t]) + speckle * grit.data[t] + (0.1 * relief.data[t]).clamp(-0.3, 0.1);
+        let tone = 1.0
+            + contrast * (cloud.data[t] + 0.6 * stain.data[t])
+            + speckle * grit.data[t]
+            + (0.1 * relief.data[t]).clamp(-0.3, 0.1);
         let dark = 1.0 - 0.55 * holes.data[t].min(1.0) - 0.6 * cracks.data[t];
         Coat::dielectric(scale(grey, tone.max(0.1) * dark), rough + 0.15 * cloud.data[t] + 0.1 * grit.data[t], f0)
     })
@@ -115,7 +124,8 @@ pub fn rock(draw: &mut Draw) -> MaterialMaps {
         let t = texel;
         texel += 1;
         let facet = facets.at(x + 45.0 * wx.data[t], y + 45.0 * wy.data[t]);
-        let plane = (unit(facet.id, 1) - 0.5) * facet.offset[0] + (unit(facet.id, 2) - 0.5) * facet.offset[1] + 0.4 * unit(facet.id, 3);
+        let plane =
+            (unit(facet.id, 1) - 0.5) * facet.offset[0] + (unit(facet.id, 2) - 0.5) * facet.offset[1] + 0.4 * unit(facet.id, 3);
         let crack = smoothstep(0.05, 0.0, facet.border);
         let steps = 3.0 * strata.data[t];
         let steps = (steps.floor() + smoothstep(0.35, 0.65, steps - steps.floor())) / 3.0;

@@ -19,7 +19,14 @@ pub fn woven_cloth(draw: &mut Draw) -> MaterialMaps {
     let other = if draw.chance(0.5) { draw.near(ground, 0.3) } else { draw.hsv([0.0, 1.0], [0.1, 0.8], [0.2, 0.95]) };
     let stripes = draw.pick(&[0, 1, 2, 2]);
     let sets = [0, 1].map(|_| Stripes::draw(draw, ground, other));
-    let cloth = Cloth { depth: 0.16 * pitch, ply: pitch * draw.between(0.25, 0.6), twist: draw.pick(&[-1.0, 1.0]), fuzz: draw.between(0.1, 0.4), roughness: draw.between(0.65, 0.95), f0: draw.between(0.025, 0.05) };
+    let cloth = Cloth {
+        depth: 0.16 * pitch,
+        ply: pitch * draw.between(0.25, 0.6),
+        twist: draw.pick(&[-1.0, 1.0]),
+        fuzz: draw.between(0.1, 0.4),
+        roughness: draw.between(0.65, 0.95),
+        f0: draw.between(0.025, 0.05),
+    };
     cloth.build(draw, weave, |warp, index| match (stripes, warp) {
         (0, true) => ground,
         (0, false) => other,
@@ -39,11 +46,22 @@ pub fn denim(draw: &mut Draw) -> MaterialMaps {
         _ => draw.hsv([0.56, 0.64], [0.45, 0.8], [0.25, 0.65]),
     };
     let white = draw.hsv([0.08, 0.15], [0.0, 0.12], [0.7, 0.9]);
-    let cloth = Cloth { depth: 0.2 * pitch, ply: pitch * 0.5, twist: 1.0, fuzz: draw.between(0.3, 0.6), roughness: draw.between(0.75, 0.92), f0: draw.between(0.03, 0.045) };
+    let cloth = Cloth {
+        depth: 0.2 * pitch,
+        ply: pitch * 0.5,
+        twist: 1.0,
+        fuzz: draw.between(0.3, 0.6),
+        roughness: draw.between(0.75, 0.92),
+        f0: draw.between(0.03, 0.045),
+    };
     let fade = draw.between(0.1, 0.5);
-    cloth.build(draw, weave, |warp, index| {
-        if warp { mix(dye, white, fade * unit(hash(7, index as u32, 1), 1).powi(2)) } else { white }
-    })
+    cloth.build(
+        draw,
+        weave,
+        |warp, index| {
+            if warp { mix(dye, white, fade * unit(hash(7, index as u32, 1), 1).powi(2)) } else { white }
+        },
+    )
 }
 
 /// A sequence of coloured stripes over the threads of one direction.
@@ -62,7 +80,13 @@ impl Stripes {
     fn colour(&self, thread: usize, threads: usize) -> Rgb {
         let band = thread * self.bands / threads;
         let pick = unit(hash(self.seed, band as u32, 0), 0);
-        self.colours[if pick < 0.5 { 0 } else if pick < 0.82 { 1 } else { 2 }]
+        self.colours[if pick < 0.5 {
+            0
+        } else if pick < 0.82 {
+            1
+        } else {
+            2
+        }]
     }
 }
 
@@ -93,11 +117,14 @@ impl Cloth {
             let phase = thread.along / TILE * turns + 0.45 * self.twist * thread.across + unit(id, 1);
             let strand = (TAU * phase).sin();
             // Slubs: a thread is thicker and darker here than there.
-            let slub = unit(id, 2) - 0.5 + (TAU * (thread.along / TILE * (2.0 + (unit(id, 3) * 9.0).floor()) + unit(id, 4))).sin() * 0.3;
+            let slub = unit(id, 2) - 0.5
+                + (TAU * (thread.along / TILE * (2.0 + (unit(id, 3) * 9.0).floor()) + unit(id, 4))).sin() * 0.3;
             let tone = 1.0 + self.fuzz * (0.6 * slub + 0.45 * strand * 0.5 + 0.7 * lint.data[texel] + 0.5 * worn.data[texel]);
             let shade = (0.62 + 0.4 * thread.height).clamp(0.2, 1.0);
             colours.push((scale(colour(thread.warp, thread.index), tone.max(0.2) * shade), thread.height));
-            let out = self.depth * (thread.height + 0.1 * strand + 0.12 * self.fuzz * slub) + 0.35 * lint.data[texel] + 2.0 * folds.data[texel];
+            let out = self.depth * (thread.height + 0.1 * strand + 0.12 * self.fuzz * slub)
+                + 0.35 * lint.data[texel]
+                + 2.0 * folds.data[texel];
             texel += 1;
             out
         });
@@ -141,7 +168,8 @@ pub fn carpet(draw: &mut Draw) -> MaterialMaps {
     let cell = draw.scale_between(8.0, 20.0);
     let tufts = draw.worley(cell);
     let ground = draw.hsv([0.0, 1.0], [0.05, 0.6], [0.15, 0.8]);
-    let yarns: Vec<Rgb> = (0..4).map(|k| if k < 3 { draw.near(ground, 0.35) } else { draw.hsv([0.0, 1.0], [0.1, 0.7], [0.2, 0.9]) }).collect();
+    let yarns: Vec<Rgb> =
+        (0..4).map(|k| if k < 3 { draw.near(ground, 0.35) } else { draw.hsv([0.0, 1.0], [0.1, 0.7], [0.2, 0.9]) }).collect();
     let accent = draw.between(0.0, 0.25);
     let (wx, wy) = (draw.noise(cell * 0.8, 2), draw.noise(cell * 0.8, 2));
     let (lint, trodden) = (draw.fbm(Fbm::new(4.5, 1)), draw.noise(260.0, 4));

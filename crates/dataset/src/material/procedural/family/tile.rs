@@ -36,7 +36,14 @@ pub fn ceramic_tiles(draw: &mut Draw) -> MaterialMaps {
         let amount = draw.between(0.02, 0.15);
         Ramp((0..4).map(|_| draw.near(body, amount)).collect())
     };
-    let glaze = Glaze { gap: draw.between(2.5, 6.0), bevel: draw.between(3.0, 9.0), rise: draw.between(2.0, 5.0), waves: draw.between(0.3, 1.6), roughness: draw.between(0.06, 0.35), mottle: draw.between(0.03, 0.3) };
+    let glaze = Glaze {
+        gap: draw.between(2.5, 6.0),
+        bevel: draw.between(3.0, 9.0),
+        rise: draw.between(2.0, 5.0),
+        waves: draw.between(0.3, 1.6),
+        roughness: draw.between(0.06, 0.35),
+        mottle: draw.between(0.03, 0.3),
+    };
     glaze.build(draw, tile, |id, _, n| ramp.at(unit(id, 4) + 0.4 * n))
 }
 
@@ -44,10 +51,18 @@ pub fn ceramic_tiles(draw: &mut Draw) -> MaterialMaps {
 pub fn printed_tiles(draw: &mut Draw) -> MaterialMaps {
     let count = draw.pick(&[4, 5, 6, 7, 8, 10]);
     let courses = Courses::bond(count, count, 0.0, draw.seed());
-    let ground = draw.pick(&[srgb(236, 230, 214), srgb(226, 222, 212), srgb(214, 196, 160), srgb(60, 66, 78), srgb(196, 206, 204)]);
+    let ground =
+        draw.pick(&[srgb(236, 230, 214), srgb(226, 222, 212), srgb(214, 196, 160), srgb(60, 66, 78), srgb(196, 206, 204)]);
     let inks: Vec<Rgb> = (0..3).map(|_| draw.hsv([0.0, 1.0], [0.3, 0.9], [0.15, 0.75])).collect();
     let ornament = Ornament::new(draw);
-    let glaze = Glaze { gap: draw.between(1.5, 4.0), bevel: draw.between(2.0, 5.0), rise: draw.between(1.0, 3.0), waves: draw.between(0.3, 1.2), roughness: draw.between(0.08, 0.5), mottle: draw.between(0.05, 0.25) };
+    let glaze = Glaze {
+        gap: draw.between(1.5, 4.0),
+        bevel: draw.between(2.0, 5.0),
+        rise: draw.between(1.0, 3.0),
+        waves: draw.between(0.3, 1.2),
+        roughness: draw.between(0.08, 0.5),
+        mottle: draw.between(0.05, 0.25),
+    };
     let slab = |x: f32, y: f32| -> (u32, f32, [f32; 2]) {
         let Slab { id, at, half } = courses.at(x, y);
         (id, courses.at(x, y).inside(3.0), [at[0] / half[0], at[1] / half[1]])
@@ -165,7 +180,8 @@ impl Glaze {
 
 /// Smooth glazed porcelain: almost no texture but the highlight, at times a few specks.
 pub fn porcelain(draw: &mut Draw) -> MaterialMaps {
-    let body = draw.pick(&[srgb(247, 246, 242), srgb(240, 236, 226), srgb(206, 222, 212), srgb(40, 52, 96), srgb(232, 226, 222)]);
+    let body =
+        draw.pick(&[srgb(247, 246, 242), srgb(240, 236, 226), srgb(206, 222, 212), srgb(40, 52, 96), srgb(232, 226, 222)]);
     let body = draw.near(body, 0.08);
     let (swell, fine) = (draw.noise(220.0, 3), draw.noise(40.0, 3));
     let waves = draw.between(0.4, 1.6);

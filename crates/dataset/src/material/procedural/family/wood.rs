@@ -84,9 +84,24 @@ struct Finish {
 impl Finish {
     fn draw(draw: &mut Draw) -> Self {
         match draw.whole(0, 2) {
-            0 => Self { roughness: draw.between(0.14, 0.32), f0: draw.between(0.04, 0.055), relief: draw.between(0.05, 0.25), contrast: draw.between(0.5, 0.9) },
-            1 => Self { roughness: draw.between(0.4, 0.6), f0: 0.04, relief: draw.between(0.2, 0.8), contrast: draw.between(0.6, 1.0) },
-            _ => Self { roughness: draw.between(0.65, 0.88), f0: draw.between(0.02, 0.035), relief: draw.between(1.0, 2.6), contrast: draw.between(0.7, 1.1) },
+            0 => Self {
+                roughness: draw.between(0.14, 0.32),
+                f0: draw.between(0.04, 0.055),
+                relief: draw.between(0.05, 0.25),
+                contrast: draw.between(0.5, 0.9),
+            },
+            1 => Self {
+                roughness: draw.between(0.4, 0.6),
+                f0: 0.04,
+                relief: draw.between(0.2, 0.8),
+                contrast: draw.between(0.6, 1.0),
+            },
+            _ => Self {
+                roughness: draw.between(0.65, 0.88),
+                f0: draw.between(0.02, 0.035),
+                relief: draw.between(1.0, 2.6),
+                contrast: draw.between(0.7, 1.1),
+            },
         }
     }
 
@@ -135,7 +150,8 @@ pub fn wood_planks(draw: &mut Draw) -> MaterialMaps {
 /// Parquet blocks in a herringbone, straight or diagonal.
 pub fn parquet(draw: &mut Draw) -> MaterialMaps {
     let pattern = Herringbone::new(draw.between(36.0, 70.0), draw.pick(&[3, 4, 5, 6]), draw.chance(0.6), draw.seed());
-    let boards = Boards { gap: draw.between(0.8, 2.0), bevel: draw.between(1.0, 2.0), tone: draw.between(0.15, 0.45), knots: 0 };
+    let boards =
+        Boards { gap: draw.between(0.8, 2.0), bevel: draw.between(1.0, 2.0), tone: draw.between(0.15, 0.45), knots: 0 };
     boards.build(draw, |x, y| pattern.at(x, y))
 }
 
@@ -163,7 +179,8 @@ impl Boards {
             texel += 1;
             // Every board is cut from another place of the same log.
             let (gx, gy) = (s.at[0] + TILE * unit(s.id, 1), s.at[1] + TILE * unit(s.id, 2));
-            let [rings, fibre, pores, knots] = [&grain.rings, &grain.fibre, &grain.pores, &grain.knots].map(|f| f.sample(gx, gy));
+            let [rings, fibre, pores, knots] =
+                [&grain.rings, &grain.fibre, &grain.pores, &grain.knots].map(|f| f.sample(gx, gy));
             boards.push((s.id, inside, finish.coat(wood, rings, fibre, pores, knots)));
             let lean = (unit(s.id, 3) - 0.5) * s.at[1] / s.half[1] * 0.8 + unit(s.id, 4) * 0.6;
             let top = 4.0 + lean + finish.height(rings, fibre, pores);

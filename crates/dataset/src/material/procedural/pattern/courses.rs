@@ -91,7 +91,8 @@ impl Courses {
 }
 
 fn sorted(joints: Vec<f32>) -> Vec<f32> {
-    let mut joints: Vec<f32> = joints.iter().map(|j| j - TILE * (j / TILE).floor()).map(|j| if j >= TILE { 0.0 } else { j }).collect();
+    let mut joints: Vec<f32> =
+        joints.iter().map(|j| j - TILE * (j / TILE).floor()).map(|j| if j >= TILE { 0.0 } else { j }).collect();
     joints.sort_by(f32::total_cmp);
     joints
 }
