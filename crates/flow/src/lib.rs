@@ -1,1 +1,6 @@
-//! flow
+//! Optical flow: PWC-Net, its losses and metrics, its weights, and the alignment of a sequence to its guidance image.
+//!
+//! The conventions of flow and image coordinates are those of [`ops`].
+
+pub mod pwc;
+pub mod target;
