@@ -59,10 +59,10 @@ impl Draw {
         hsv(from(hue), from(saturation), from(value))
     }
 
-    /// The colour with its brightness changed by up to ±`amount` and each channel by a third of that.
+    /// The colour with its brightness changed by up to ±`amount` and each channel by a sixth of that.
     pub fn near(&mut self, colour: Rgb, amount: f32) -> Rgb {
         let gain = 1.0 + self.between(-amount, amount);
-        colour.map(|v| (v * gain * (1.0 + self.between(-amount, amount) / 3.0)).clamp(0.0, 1.0))
+        colour.map(|v| (v * gain * (1.0 + self.between(-amount, amount) / 6.0)).clamp(0.0, 1.0))
     }
 
     /// Isotropic fractal noise.

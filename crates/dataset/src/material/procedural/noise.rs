@@ -84,7 +84,7 @@ impl Fbm {
     }
 }
 
-/// Adds Perlin's gradient noise (quintic fade, unit gradients, values about ±1) with `cells` lattice cells per tile edge.
+/// Adds gradient noise (Perlin 2002: quintic fade; here with random values at the lattice points too) with `cells` lattice cells per tile edge.
 ///
 /// Within a row, interpolating the two lattice rows first leaves one linear function per lattice column, so a texel costs
 /// two of them and a blend.
@@ -96,15 +96,15 @@ fn add_gradient_noise(out: &mut Field, cells: [usize; 2], seed: u32, shape: impl
         let (j, fy, v) = lattice(y, size, cells[1]);
         let below = (j + 1) % cells[1];
         for i in 0..cells[0] {
-            let (a, b) = (gradient(seed, i, j), gradient(seed, i, below));
-            slope[i] = a[0] + v * (b[0] - a[0]);
-            offset[i] = (1.0 - v) * a[1] * fy + v * b[1] * (fy - 1.0);
+            let (a, b) = (knot(seed, i, j), knot(seed, i, below));
+            slope[i] = a.slope[0] + v * (b.slope[0] - a.slope[0]);
+            offset[i] = (1.0 - v) * (a.value + a.slope[1] * fy) + v * (b.value + b.slope[1] * (fy - 1.0));
         }
         (slope[cells[0]], offset[cells[0]]) = (slope[0], offset[0]);
         for (value, &(i, fx, u)) in row.iter_mut().zip(&columns) {
             let left = slope[i] * fx + offset[i];
             let right = slope[i + 1] * (fx - 1.0) + offset[i + 1];
-            *value += shape(1.4 * (left + u * (right - left)));
+            *value += shape(left + u * (right - left));
         }
     }
 }
@@ -117,13 +117,24 @@ fn lattice(texel: usize, size: usize, cells: usize) -> (usize, f32, f32) {
     (cell, t, t * t * t * (t * (t * 6.0 - 15.0) + 10.0))
 }
 
-/// One of 16 unit gradients.
+/// What the noise does at a lattice point: its value and its gradient.
+struct Knot {
+    value: f32,
+    slope: [f32; 2],
+}
+
+/// Perlin's noise is zero at every lattice point, which shows as a grid when cells are a few texels wide; a random value
+/// there hides it. The factors keep the standard deviation near 0.35.
 #[inline]
-fn gradient(seed: u32, x: usize, y: usize) -> [f32; 2] {
+fn knot(seed: u32, x: usize, y: usize) -> Knot {
+    const VALUE: f32 = 0.75;
+    const SLOPE: f32 = 1.0;
     const COS: [f32; 16] = [
         1.0, 0.923_88, 0.707_107, 0.382_683, 0.0, -0.382_683, -0.707_107, -0.923_88, -1.0, -0.923_88, -0.707_107, -0.382_683,
         0.0, 0.382_683, 0.707_107, 0.923_88,
     ];
-    let turn = (hash(seed, x as u32, y as u32) >> 28) as usize;
-    [COS[turn], COS[(turn + 12) & 15]]
+    let bits = hash(seed, x as u32, y as u32);
+    let turn = (bits >> 28) as usize;
+    let value = (bits & 0xFFFF) as f32 / 32768.0 - 1.0;
+    Knot { value: VALUE * value, slope: [SLOPE * COS[turn], SLOPE * COS[(turn + 12) & 15]] }
 }

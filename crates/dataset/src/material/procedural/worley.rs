@@ -28,6 +28,18 @@ pub struct CellSample {
     pub offset: [f32; 2],
 }
 
+impl CellSample {
+    /// Distance inwards from the cell's outline with its corners cut off `reach` from the feature point: a pebble's outline
+    /// where [`CellSample::border`] is a shard's.
+    #[inline]
+    pub fn rounded(&self, reach: f32) -> f32 {
+        const BLEND: f32 = 0.2;
+        let cut = reach - self.nearest;
+        let overlap = (BLEND - (self.border - cut).abs()).max(0.0) / BLEND;
+        self.border.min(cut) - overlap * overlap * BLEND * 0.25
+    }
+}
+
 impl Worley {
     /// Cells `cell` reference texels wide, stretched along x and y; distances are measured in the stretched frame.
     ///

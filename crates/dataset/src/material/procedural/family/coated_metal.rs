@@ -23,7 +23,7 @@ impl Rust {
     }
 
     fn coat(&self, texel: usize, tone: f32) -> Coat {
-        let tone = 0.42 + 0.5 * self.bloom.data[texel] + 0.35 * self.grit.data[texel] + tone;
+        let tone = 0.42 + 0.38 * self.bloom.data[texel] + 0.35 * self.grit.data[texel] + tone;
         Coat::dielectric(self.ramp.at(tone), 0.86 + 0.12 * self.grit.data[texel] + 0.1 * self.bloom.data[texel], 0.035)
     }
 }
@@ -34,7 +34,7 @@ pub fn rusted_metal(draw: &mut Draw) -> MaterialMaps {
     let (wx, wy) = (draw.noise(90.0, 4), draw.noise(90.0, 4));
     let streaks = draw.fbm(Fbm::stretched(26.0, 420.0, 4));
     let patches = draw.noise(190.0, 6).warped(&wx, &wy, 40.0).plus(draw.between(0.0, 0.8), &streaks).plus(0.25, &rust.grit);
-    let cover = patches.upper_share(draw.between(0.35, 0.97), draw.between(0.04, 0.2));
+    let cover = patches.upper_share(draw.between(0.35, 0.97), draw.between(0.08, 0.35));
     let pits = draw.fbm(Fbm::new(18.0, 3)).upper_share(draw.between(0.04, 0.16), 0.1);
     let crust = draw.between(0.8, 2.5);
     let mut texel = 0;

@@ -29,10 +29,11 @@ pub fn gravel(draw: &mut Draw) -> MaterialMaps {
             if k < 2 && unit(cell.id, 1) > share {
                 continue;
             }
-            let reach = (cell.border / 0.34).clamp(0.0, 1.0);
+            let inside = if angular { cell.border - 0.02 } else { cell.rounded(0.56) - 0.03 };
+            let reach = (inside / 0.3).clamp(0.0, 1.0);
             let shape = if angular { smoothstep(0.0, 0.55, reach) } else { (1.0 - (1.0 - reach).powi(2)).max(0.0).sqrt() };
             let lean = (unit(cell.id, 2) - 0.5) * cell.offset[0] + (unit(cell.id, 3) - 0.5) * cell.offset[1];
-            let top = width * ((0.16 + 0.12 * unit(cell.id, 4)) * shape + if angular { 0.3 } else { 0.12 } * lean)
+            let top = width * ((0.16 + 0.12 * unit(cell.id, 4)) * shape + if angular { 0.22 } else { 0.1 } * lean)
                 + 0.5 * grit.data[t];
             if reach > 0.02 && top > best.1 {
                 best = (hash(cell.id, k as u32, 1).max(1), top);
@@ -42,8 +43,8 @@ pub fn gravel(draw: &mut Draw) -> MaterialMaps {
         best.1
     });
     let relief = height.relief(0.18 * largest);
-    let base = draw.hsv([0.03, 0.16], [0.02, 0.3], [0.35, 0.7]);
-    let variety = draw.between(0.25, 0.7);
+    let base = draw.hsv([0.02, 0.14], [0.02, 0.25], [0.4, 0.85]);
+    let variety = draw.between(0.3, 0.9);
     let ramp = Ramp((0..6).map(|_| draw.near(base, variety)).collect());
     let soil = scale(draw.near(base, 0.3), 0.4);
     let (rough, f0, speckle) = (draw.between(0.45, 0.85), draw.between(0.025, 0.05), draw.between(0.1, 0.6));
@@ -110,7 +111,7 @@ pub fn leaves(draw: &mut Draw) -> MaterialMaps {
     let size = draw.size;
     let length = draw.scale_between(40.0, 90.0);
     let slender = draw.between(0.32, 0.6);
-    let count = (2.6 * TILE * TILE / (length * length * slender)) as usize;
+    let count = (3.4 * TILE * TILE / (length * length * slender)) as usize;
     let stamps: Vec<Stamp> = (0..count)
         .map(|k| {
             let half = 0.5 * length * draw.between(0.7, 1.3);
@@ -121,7 +122,7 @@ pub fn leaves(draw: &mut Draw) -> MaterialMaps {
     let lobes = draw.pick(&[0.0, 0.0, 3.0, 5.0]);
     let outline = move |a: f32, b: f32, id: u32| -> Option<f32> {
         let taper = (1.0 - a * a).max(0.0) * (1.0 - 0.25 * a);
-        let lobe = if lobes > 0.0 { 0.72 + 0.28 * (TAU * 0.5 * lobes * (a + 0.15)).cos() } else { 1.0 };
+        let lobe = if lobes > 0.0 { 0.82 + 0.18 * (TAU * 0.5 * lobes * (a + 0.15)).cos() } else { 1.0 };
         let side = b.abs() / (taper * lobe).max(1e-3);
         let curl = (unit(id, 3) - 0.3) * 9.0;
         let rib = 0.9 * smoothstep(0.1, 0.0, b.abs());
@@ -131,7 +132,7 @@ pub fn leaves(draw: &mut Draw) -> MaterialMaps {
     };
     let hits = scatter(size, -4.0, &stamps, outline);
     let (grit, coarse) = (draw.fbm(Fbm::new(9.0, 3).gain(0.75)), draw.noise(60.0, 4));
-    let height = Field { size, data: hits.iter().zip(&grit.data).map(|(h, g)| h.height + 0.7 * g).collect() };
+    let height = Field { size, data: hits.iter().zip(&grit.data).map(|(h, g)| h.height + 0.7 * g).collect() }.blur(1.0);
     let relief = height.relief(8.0);
     let hue = draw.pick(&[[0.04, 0.12], [0.02, 0.1], [0.07, 0.16], [0.15, 0.27]]);
     let tints: Vec<Rgb> = (0..7).map(|_| draw.hsv(hue, [0.15, 0.75], [0.2, 0.75])).collect();
@@ -186,8 +187,8 @@ pub fn grass(draw: &mut Draw) -> MaterialMaps {
     };
     let height = height.blur(0.8);
     let relief = height.relief(9.0);
-    let green = draw.hsv([0.2, 0.3], [0.45, 0.8], [0.3, 0.6]);
-    let dry = draw.hsv([0.1, 0.17], [0.3, 0.6], [0.45, 0.75]);
+    let green = draw.hsv([0.19, 0.29], [0.35, 0.65], [0.25, 0.5]);
+    let dry = draw.hsv([0.1, 0.17], [0.25, 0.5], [0.4, 0.7]);
     let (withered, soil) = (draw.between(0.03, 0.5), draw.hsv([0.05, 0.1], [0.2, 0.5], [0.15, 0.35]));
     let (rough, f0) = (draw.between(0.5, 0.75), draw.between(0.03, 0.05));
     paint(height, |t| {

@@ -19,7 +19,7 @@ pub fn leather(draw: &mut Draw) -> MaterialMaps {
     let (sway, fine) = (0.35 * cell, draw.between(0.15, 0.5));
     let mut cells: Vec<(u32, f32)> = Vec::with_capacity(size * size);
     let mut texel = 0;
-    let depth = 0.11 * cell * draw.between(0.6, 1.5);
+    let depth = 0.1 * cell * draw.scale_between(0.25, 1.2);
     let wrinkle = draw.between(0.0, 1.6);
     let height = Field::from_fn(size, |x, y| {
         let t = texel;
@@ -35,12 +35,12 @@ pub fn leather(draw: &mut Draw) -> MaterialMaps {
             + 1.5 * cloud.data[t]
     });
     let dye = if draw.chance(0.65) {
-        draw.hsv([0.02, 0.1], [0.3, 0.75], [0.12, 0.65])
+        draw.hsv([0.02, 0.1], [0.25, 0.75], [0.25, 0.8])
     } else {
-        draw.hsv([0.0, 1.0], [0.0, 0.6], [0.05, 0.85])
+        draw.hsv([0.0, 1.0], [0.0, 0.6], [0.1, 0.92])
     };
     let (deep, rubbed) =
-        (scale(draw.near(dye, 0.2), 0.45), mix(draw.near(dye, 0.15), [0.75, 0.66, 0.55], draw.between(0.0, 0.3)));
+        (scale(draw.near(dye, 0.2), 0.55), mix(draw.near(dye, 0.15), [0.75, 0.66, 0.55], draw.between(0.0, 0.3)));
     let (wear, mottle) = (draw.between(0.1, 0.7), draw.between(0.1, 0.35));
     let (rough, f0) = (draw.between(0.32, 0.65), draw.between(0.035, 0.055));
     paint(height, |t| {

@@ -101,11 +101,11 @@ impl Blocks {
             lerp(bed, top, face)
         });
         let relief = height.relief(10.0);
-        let (soot, rough) = (draw.between(0.0, 0.5), draw.between(0.6, 0.9));
+        let (soot, rough, pitted) = (draw.between(0.0, 0.5), draw.between(0.6, 0.9), draw.between(0.05, 0.45));
         let (f0, bloom) = (draw.between(0.02, 0.045), if draw.chance(0.3) { draw.between(0.1, 0.35) } else { 0.0 });
         paint(height, |t| {
             let mottle = 0.16 * coarse.data[t] + 0.22 * grit.data[t];
-            let tone = (0.75 + 0.5 * unit(ids[t], 5)) * (1.0 + 1.1 * mottle) * (1.0 - 0.45 * pits.data[t]);
+            let tone = (0.75 + 0.5 * unit(ids[t], 5)) * (1.0 + 1.1 * mottle) * (1.0 - pitted * pits.data[t]);
             let mut block = scale(clay.at(unit(ids[t], 4) + 0.3 * coarse.data[t]), tone);
             block = mix(block, [0.65, 0.62, 0.58], bloom * smoothstep(0.1, 0.7, coarse.data[t] + 0.3 * grit.data[t]));
             let mortar = scale(joint, 1.0 + 0.5 * grit.data[t]);
@@ -121,11 +121,12 @@ impl Blocks {
 pub fn cobbles(draw: &mut Draw) -> MaterialMaps {
     let width = draw.scale_between(55.0, 130.0);
     let stones = draw.worley(width);
-    let stone = draw.hsv([0.04, 0.14], [0.02, 0.25], [0.3, 0.65]);
+    let stone = draw.hsv([0.04, 0.14], [0.02, 0.22], [0.35, 0.75]);
     let bed = draw.hsv([0.07, 0.12], [0.15, 0.5], [0.2, 0.5]);
     let shape = Stones {
         dome: draw.between(0.35, 0.6),
-        gap: draw.between(2.0, 5.0),
+        reach: draw.between(0.5, 0.66),
+        gap: draw.between(2.0, 7.0),
         rise: draw.between(9.0, 18.0),
         wobble: draw.between(3.0, 8.0),
         rugged: draw.between(0.6, 1.6),
@@ -137,10 +138,11 @@ pub fn cobbles(draw: &mut Draw) -> MaterialMaps {
 pub fn flagstones(draw: &mut Draw) -> MaterialMaps {
     let stretch = draw.between(0.8, 1.5);
     let stones = Worley::new(draw.scale_between(100.0, 210.0), [stretch, 1.0 / stretch], 0.8, draw.seed());
-    let stone = draw.hsv([0.03, 0.2], [0.03, 0.3], [0.35, 0.75]);
+    let stone = draw.hsv([0.02, 0.15], [0.03, 0.28], [0.35, 0.8]);
     let bed = draw.hsv([0.06, 0.12], [0.05, 0.35], [0.3, 0.75]);
     let shape = Stones {
         dome: draw.between(0.06, 0.14),
+        reach: 2.0,
         gap: draw.between(4.0, 9.0),
         rise: draw.between(4.0, 8.0),
         wobble: draw.between(8.0, 16.0),
@@ -153,6 +155,8 @@ pub fn flagstones(draw: &mut Draw) -> MaterialMaps {
 struct Stones {
     /// Width of the rounded rim as a share of the stone.
     dome: f32,
+    /// Where corners are cut off, as a share of the mean stone (see `CellSample::rounded`).
+    reach: f32,
     gap: f32,
     rise: f32,
     wobble: f32,
@@ -171,7 +175,7 @@ impl Stones {
         let mut texel = 0;
         let height = Field::from_fn(size, |x, y| {
             let cell = stones.at(x + self.wobble * wx.data[texel], y + self.wobble * wy.data[texel]);
-            let inside = cell.border * stones.unit_texels() - 0.5 * self.gap;
+            let inside = cell.rounded(self.reach) * stones.unit_texels() - 0.5 * self.gap;
             let rise = (inside / rim).clamp(0.0, 1.0);
             let dome = (1.0 - (1.0 - rise).powi(2)).max(0.0).sqrt();
             let lean = [1, 2].map(|k| unit(cell.id, k) - 0.5);
@@ -188,7 +192,7 @@ impl Stones {
         let (rough, f0, speckle) = (draw.between(0.45, 0.85), draw.between(0.025, 0.05), draw.between(0.1, 0.5));
         paint(height, |t| {
             let tone = 1.0 + 0.35 * cleft.data[t].min(0.5) + speckle * grit.data[t] + 0.25 * coarse.data[t];
-            let top = scale(ramp.at(unit(ids[t], 4) + 0.5 * coarse.data[t]), tone.max(0.2));
+            let top = scale(ramp.at(unit(ids[t], 4) + 0.25 * coarse.data[t]), tone.max(0.2));
             let soil = scale(bed, 1.0 + 0.7 * grit.data[t]);
             let cavity = 1.0 + (0.09 * relief.data[t]).clamp(-0.6, 0.25);
             let base = scale(mix(soil, top, faces[t]), cavity);

@@ -27,7 +27,7 @@ fn wall_colour(draw: &mut Draw) -> Rgb {
     if draw.chance(0.6) {
         draw.hsv([0.05, 0.17], [0.0, 0.25], [0.6, 0.97])
     } else {
-        draw.hsv([0.0, 1.0], [0.1, 0.55], [0.35, 0.9])
+        draw.hsv([0.0, 1.0], [0.08, 0.4], [0.35, 0.9])
     }
 }
 
@@ -36,14 +36,19 @@ pub fn stucco(draw: &mut Draw) -> MaterialMaps {
     let size = draw.size;
     let colour = wall_colour(draw);
     let lump = draw.scale_between(11.0, 44.0);
-    let (lumps, grit, stain) = (draw.billow(Fbm::new(lump, 4)), draw.fbm(Fbm::new(8.0, 2).gain(0.8)), draw.noise(240.0, 6));
+    let (lumps, grit, stain) =
+        (draw.fbm(Fbm::new(lump, 4).gain(0.55)), draw.fbm(Fbm::new(8.0, 2).gain(0.8)), draw.noise(240.0, 6));
     let (cut, rise) = (draw.between(0.25, 0.9), 0.13 * lump + draw.between(0.5, 1.5));
     let knocked = draw.chance(0.4);
     let mut texel = 0;
     let height = Field::from_fn(size, |_, _| {
         let t = texel;
         texel += 1;
-        let lump = if knocked { smoothstep(0.0, 0.5, lumps.data[t] + 0.2) * cut + 0.1 * lumps.data[t] } else { lumps.data[t] };
+        let lump = if knocked {
+            smoothstep(-0.15, 0.2, lumps.data[t]) * cut + 0.12 * lumps.data[t]
+        } else {
+            1.3 * lumps.data[t] * lumps.data[t].abs().sqrt()
+        };
         rise * lump + 0.5 * grit.data[t]
     });
     let relief = height.relief(0.5 * lump);
@@ -138,9 +143,12 @@ pub fn rock(draw: &mut Draw) -> MaterialMaps {
     let moss = draw.hsv([0.12, 0.27], [0.2, 0.6], [0.3, 0.6]);
     let (rough, f0, layer_tone) = (draw.between(0.5, 0.85), draw.between(0.025, 0.05), draw.between(0.0, 0.5));
     paint(height, |t| {
-        let tone = 0.55 + 0.05 * relief.data[t] + 0.4 * grit.data[t] + layer_tone * strata.data[t] + 0.2 * lichen.data[t];
+        let tone = 0.6 + 0.09 * relief.data[t] + 0.3 * grit.data[t] + layer_tone * strata.data[t] + 0.15 * lichen.data[t];
         let stone = Coat::dielectric(ramp.at(tone), rough + 0.12 * grit.data[t] - 0.01 * relief.data[t], f0);
-        stone.under(Coat::dielectric(scale(moss, 1.0 + 0.6 * grit.data[t]), 0.93, 0.025), 0.85 * growth.data[t])
+        stone.under(
+            Coat::dielectric(scale(moss, 1.0 + 0.6 * grit.data[t]), 0.93, 0.025),
+            growth.data[t] * (0.6 + 0.8 * grit.data[t] - 0.06 * relief.data[t]).clamp(0.0, 0.9),
+        )
     })
 }
 
@@ -149,8 +157,8 @@ pub fn marble(draw: &mut Draw) -> MaterialMaps {
     let (wx, wy) = (draw.noise(300.0, 6), draw.noise(300.0, 6));
     let reach = draw.between(60.0, 220.0);
     let (apart, near) = (draw.between(200.0, 420.0), draw.between(70.0, 160.0));
-    let veins = draw.ridged(Fbm::new(apart, 4)).warped(&wx, &wy, reach);
-    let fine = draw.ridged(Fbm::new(near, 4)).warped(&wx, &wy, reach);
+    let veins = draw.ridged(Fbm::new(apart, 1)).warped(&wx, &wy, reach);
+    let fine = draw.ridged(Fbm::new(near, 1)).warped(&wx, &wy, reach);
     let bands = draw.fbm(Fbm::stretched(600.0, 60.0, 5)).warped(&wx, &wy, reach);
     let (cloud, grain) = (draw.noise(160.0, 6), draw.fbm(Fbm::new(9.0, 3).gain(0.8)));
     let (ground, vein) = draw.pick(&[
@@ -167,10 +175,12 @@ pub fn marble(draw: &mut Draw) -> MaterialMaps {
     let (banded, network, speckle) = (draw.between(0.0, 0.9), draw.between(0.2, 0.9), draw.between(0.02, 0.3));
     let (rough, etched) = (draw.between(0.05, 0.25), draw.between(0.0, 0.12));
     let f0 = draw.between(0.04, 0.06);
-    let height = cloud.clone().map(|v| 0.25 * v).plus(-0.05, &veins).plus(0.015, &grain);
+    let (thick, thin) = (draw.between(0.02, 0.1), draw.between(0.02, 0.08));
+    let thick = veins.plus(0.12, &cloud).upper_share(thick, 0.06);
+    let thin = fine.plus(0.12, &cloud).upper_share(thin, 0.06);
+    let height = cloud.clone().map(|v| 0.25 * v).plus(-0.05, &thick).plus(0.015, &grain);
     paint(height, |t| {
-        let thick = smoothstep(0.72, 0.98, veins.data[t] + 0.25 * cloud.data[t]);
-        let thin = network * smoothstep(0.75, 1.0, fine.data[t] + 0.15 * cloud.data[t]);
+        let (thick, thin) = (thick.data[t], network * thin.data[t]);
         let mut colour = mix(ground, second, smoothstep(-0.35, 0.45, cloud.data[t] + banded * 1.5 * bands.data[t]));
         colour = mix(colour, vein, (thick * 0.9 + 0.6 * thin).min(1.0));
         let tone = 1.0 + speckle * grain.data[t] + 0.1 * bands.data[t];

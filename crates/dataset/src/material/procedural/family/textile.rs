@@ -15,8 +15,8 @@ pub fn woven_cloth(draw: &mut Draw) -> MaterialMaps {
     let draft = draw.pick(&[Draft::Plain, Draft::Plain, Draft::Basket(2), Draft::Twill { over: 2, under: 2 }, Draft::Satin]);
     let pitch = draw.scale_between(8.0, 26.0);
     let weave = Weave::new(pitch, pitch * draw.between(0.8, 1.3), draft, [draw.between(0.85, 1.0), draw.between(0.85, 1.0)]);
-    let ground = draw.hsv([0.0, 1.0], [0.0, 0.8], [0.15, 0.95]);
-    let other = if draw.chance(0.5) { draw.near(ground, 0.3) } else { draw.hsv([0.0, 1.0], [0.1, 0.8], [0.2, 0.95]) };
+    let ground = draw.hsv([0.0, 1.0], [0.0, 0.6], [0.15, 0.9]);
+    let other = if draw.chance(0.5) { draw.near(ground, 0.3) } else { draw.hsv([0.0, 1.0], [0.05, 0.6], [0.2, 0.9]) };
     let stripes = draw.pick(&[0, 1, 2, 2]);
     let sets = [0, 1].map(|_| Stripes::draw(draw, ground, other));
     let cloth = Cloth {
@@ -37,15 +37,15 @@ pub fn woven_cloth(draw: &mut Draw) -> MaterialMaps {
 
 /// Denim: dyed warp over white weft in a fine twill, faded in places.
 pub fn denim(draw: &mut Draw) -> MaterialMaps {
-    let pitch = draw.scale_between(5.5, 11.0);
+    let pitch = draw.scale_between(5.0, 10.0);
     let draft = draw.pick(&[Draft::Twill { over: 3, under: 1 }, Draft::Twill { over: 2, under: 1 }]);
-    let weave = Weave::new(pitch, pitch, draft, [0.98, 0.9]);
+    let weave = Weave::new(pitch, pitch, draft, [1.0, 0.85]);
     let dye = match draw.whole(0, 3) {
         0 => draw.hsv([0.0, 1.0], [0.1, 0.6], [0.15, 0.6]),
-        1 => draw.hsv([0.58, 0.66], [0.1, 0.3], [0.1, 0.25]),
+        1 => draw.hsv([0.58, 0.66], [0.1, 0.3], [0.15, 0.35]),
         _ => draw.hsv([0.56, 0.64], [0.45, 0.8], [0.25, 0.65]),
     };
-    let white = draw.hsv([0.08, 0.15], [0.0, 0.12], [0.7, 0.9]);
+    let white = draw.hsv([0.08, 0.15], [0.0, 0.12], [0.55, 0.85]);
     let cloth = Cloth {
         depth: 0.2 * pitch,
         ply: pitch * 0.5,
@@ -54,7 +54,7 @@ pub fn denim(draw: &mut Draw) -> MaterialMaps {
         roughness: draw.between(0.75, 0.92),
         f0: draw.between(0.03, 0.045),
     };
-    let fade = draw.between(0.1, 0.5);
+    let fade = draw.between(0.05, 0.3);
     cloth.build(
         draw,
         weave,
@@ -167,9 +167,9 @@ pub fn carpet(draw: &mut Draw) -> MaterialMaps {
     let size = draw.size;
     let cell = draw.scale_between(8.0, 20.0);
     let tufts = draw.worley(cell);
-    let ground = draw.hsv([0.0, 1.0], [0.05, 0.6], [0.15, 0.8]);
+    let ground = draw.hsv([0.0, 1.0], [0.03, 0.5], [0.2, 0.8]);
     let yarns: Vec<Rgb> =
-        (0..4).map(|k| if k < 3 { draw.near(ground, 0.35) } else { draw.hsv([0.0, 1.0], [0.1, 0.7], [0.2, 0.9]) }).collect();
+        (0..4).map(|k| if k < 3 { draw.near(ground, 0.35) } else { draw.hsv([0.0, 1.0], [0.05, 0.4], [0.2, 0.9]) }).collect();
     let accent = draw.between(0.0, 0.25);
     let (wx, wy) = (draw.noise(cell * 0.8, 2), draw.noise(cell * 0.8, 2));
     let (lint, trodden) = (draw.fbm(Fbm::new(4.5, 1)), draw.noise(260.0, 4));

@@ -199,12 +199,12 @@ pub fn porcelain(draw: &mut Draw) -> MaterialMaps {
 /// Polished stone chips in a cement or resin binder.
 pub fn terrazzo(draw: &mut Draw) -> MaterialMaps {
     let size = draw.size;
-    let binder = draw.hsv([0.0, 1.0], [0.0, 0.2], [0.25, 0.95]);
-    let chips: Vec<Rgb> = (0..draw.whole(2, 5)).map(|_| draw.hsv([0.0, 1.0], [0.0, 0.45], [0.12, 0.95])).collect();
+    let binder = draw.hsv([0.0, 1.0], [0.0, 0.15], [0.3, 0.95]);
+    let chips: Vec<Rgb> = (0..draw.whole(2, 5)).map(|_| draw.hsv([0.0, 0.6], [0.0, 0.35], [0.15, 0.95])).collect();
     let (wx, wy) = (draw.noise(24.0, 3), draw.noise(24.0, 3));
     let (grit, coarse) = (draw.fbm(Fbm::new(8.0, 2).gain(0.8)), draw.noise(200.0, 5));
     let largest = draw.scale_between(26.0, 80.0);
-    let layers = [1.0, 0.55, 0.28].map(|s| (draw.worley(largest * s), draw.between(0.35, 0.75), draw.between(0.06, 0.16)));
+    let layers = [1.0, 0.55, 0.28].map(|s| (draw.worley(largest * s), draw.between(0.3, 0.75), draw.between(0.05, 0.2)));
     let mut texel = 0;
     let mut hits: Vec<(u32, f32)> = Vec::with_capacity(size * size);
     let height = Field::from_fn(size, |x, y| {
@@ -213,10 +213,9 @@ pub fn terrazzo(draw: &mut Draw) -> MaterialMaps {
             let reach = 0.14 * cells.unit_texels();
             let cell = cells.at(x + reach * wx.data[texel], y + reach * wy.data[texel]);
             let cover = smoothstep(0.0, 1.2, (cell.border - gap) * cells.unit_texels());
-            if unit(cell.id, 1) < *share && cover > found.1 {
+            // A smaller chip fits only where no larger one lies.
+            if unit(cell.id, 1) < *share {
                 found = (hash(cell.id, k as u32, 3), cover);
-            }
-            if found.1 > 0.5 {
                 break;
             }
         }

@@ -7,6 +7,7 @@ use crate::material::procedural::field::{Field, TILE, lerp, smoothstep};
 use crate::material::procedural::noise::{Fbm, unit};
 use crate::material::procedural::pattern::courses::{Courses, Herringbone, Slab};
 use crate::material::procedural::surface::{Coat, paint};
+use crate::material::procedural::worley::Worley;
 
 /// Grain along x: growth rings, fibres and pores, each periodic.
 struct Grain {
@@ -206,16 +207,19 @@ pub fn bark(draw: &mut Draw) -> MaterialMaps {
     let size = draw.size;
     let width = draw.scale_between(36.0, 90.0);
     let (wx, wy) = (draw.fbm(Fbm::stretched(90.0, 160.0, 4)), draw.fbm(Fbm::stretched(60.0, 120.0, 4)));
-    let (length, sway) = (width * draw.between(2.2, 4.5), draw.between(20.0, 50.0));
-    let ridges = draw.ridged(Fbm::stretched(width, length, 4)).warped(&wx, &wy, sway);
+    let stretch = draw.between(1.5, 2.3);
+    let plates = Worley::new(width * stretch, [1.0 / stretch, stretch], 0.9, draw.seed());
+    let ridges = draw.ridged(Fbm::stretched(width * 0.7, width * 4.0, 3));
+    let (sway, rim) = (draw.between(0.5, 1.1) * width, draw.between(0.25, 0.5));
     let fibre = draw.fbm(Fbm::stretched(10.0, 60.0, 3).gain(0.7));
     let flakes = draw.fbm(Fbm::stretched(30.0, 44.0, 3));
     let depth = draw.between(6.0, 14.0);
     let mut texel = 0;
-    let height = Field::from_fn(size, |_, _| {
+    let height = Field::from_fn(size, |x, y| {
         let t = texel;
         texel += 1;
-        let plate = smoothstep(-0.55, 0.35, -ridges.data[t]);
+        let cell = plates.at(x + sway * wx.data[t], y + 1.5 * sway * wy.data[t]);
+        let plate = smoothstep(0.0, rim, cell.border) * (0.7 + 0.5 * unit(cell.id, 1)) - 0.25 * ridges.data[t];
         let steps = flakes.data[t] * 4.0;
         let steps = (steps.floor() + smoothstep(0.3, 0.7, steps - steps.floor())) * 0.25;
         depth * plate + 1.5 * fibre.data[t] + depth * 0.25 * steps
