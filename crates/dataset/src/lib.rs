@@ -1,4 +1,9 @@
 //! Synthetic scanning sequences: materials, camera paths, frames with exact flow and target maps.
 
+pub mod chairs;
 pub mod material;
+pub mod pair;
+pub mod path;
+pub mod producer;
+pub mod sequence;
 pub mod stream;

@@ -1,0 +1,197 @@
+//! Exemplars of the SVBRDF net: a guidance frame, key frames, exact warps and the maps to predict (§4, §6).
+
+use ops::homography::Homography;
+use ops::planes::{Mask, Planes};
+use rand::seq::SliceRandom;
+use rand::{Rng, RngExt};
+use render::SvbrdfImage;
+use serde::{Deserialize, Serialize};
+
+use crate::sequence::Sequence;
+use crate::stream::Stream;
+
+/// Exemplars per video: each of the first 20 frames is the guidance image of one (§4).
+pub const PER_VIDEO: u64 = 20;
+/// Range of the distance of the first from the last key frame, in frames of a 141-frame video (§4).
+const SPAN: [usize; 2] = [60, 120];
+/// Steps between the frames of the video that [`SPAN`] speaks of.
+const REFERENCE_STEPS: usize = 140;
+
+/// What the SVBRDF net sees in one step, and what it should answer.
+#[derive(Clone, Debug)]
+pub struct Exemplar {
+    /// The guidance frame, then the K key frames; 3 planes each, encoded.
+    pub frames: Vec<Planes>,
+    /// K backward flows from the guidance frame to each key frame, 2 planes (x, y) in pixels.
+    pub flows: Vec<Planes>,
+    /// Pixels of the guidance frame that each key frame sees.
+    pub valid: Vec<Mask>,
+    /// The same warps as matrices.
+    pub homographies: Vec<Homography>,
+    /// The maps that the guidance frame sees, normals in its axes.
+    pub target: SvbrdfImage,
+    /// What the video shows, for reports.
+    pub material: String,
+    /// Indices of the guidance frame and the key frames in the video.
+    pub indices: Vec<usize>,
+}
+
+/// How exemplars are drawn.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ExemplarConfig {
+    /// Side of the frames and maps.
+    pub resolution: usize,
+    /// Range of K, the number of key frames besides the guidance frame (§4: 4 to 16).
+    pub key_frames: [usize; 2],
+    /// How many videos are mixed: exemplars of a window of so many videos come in random order.
+    pub mixed_videos: u64,
+}
+
+impl Default for ExemplarConfig {
+    fn default() -> Self {
+        Self { resolution: 256, key_frames: [4, 16], mixed_videos: 50 }
+    }
+}
+
+/// A value of [`ExemplarConfig`] out of its range.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("exemplar.{key} is {found}; expected {expected}")]
+pub struct ExemplarError {
+    /// Name of the value.
+    pub key: &'static str,
+    /// What it is.
+    pub found: String,
+    /// What it may be.
+    pub expected: &'static str,
+}
+
+impl ExemplarConfig {
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// [`ExemplarError`] for the first value out of range.
+    pub fn validate(&self) -> Result<(), ExemplarError> {
+        let fail = |key, found: String, expected| Err(ExemplarError { key, found, expected });
+        let [low, high] = self.key_frames;
+        if !(16..=8192).contains(&self.resolution) {
+            return fail("resolution", self.resolution.to_string(), "16 to 8192 pixels");
+        }
+        if !(1 <= low && low <= high && high <= SPAN[0]) {
+            return fail("key_frames", format!("[{low}, {high}]"), "[low, high] with 1 ≤ low ≤ high ≤ 60");
+        }
+        if self.mixed_videos == 0 {
+            return fail("mixed_videos", "0".into(), "at least 1");
+        }
+        Ok(())
+    }
+}
+
+/// Which guidance frame of which video exemplar `index` uses.
+///
+/// Videos are taken in windows of `mixed_videos`; the 20 exemplars of each video of a window are shuffled together by a
+/// stream named by the window, so every (video, guidance frame) comes exactly once, neighbouring exemplars show different
+/// materials, and a resume at any index needs nothing but the seed.
+pub fn place(index: u64, mixed_videos: u64, streams: &Stream) -> (u64, usize) {
+    let per_window = mixed_videos.max(1) * PER_VIDEO;
+    let (window, position) = (index / per_window, index % per_window);
+    let mut order: Vec<u64> = (0..per_window).collect();
+    order.shuffle(&mut streams.rng("exemplar order", window));
+    let drawn = order[position as usize];
+    (window * mixed_videos.max(1) + drawn / PER_VIDEO, (drawn % PER_VIDEO) as usize)
+}
+
+/// Indices of `count` key frames after the guidance frame, at a regular interval drawn from \[⌊60/K⌋, ⌊120/K⌋\] frames of a
+/// 141-frame video (more or fewer frames in a video of another frame rate).
+pub fn key_frames(guidance: usize, count: usize, frames: usize, rng: &mut impl Rng) -> Vec<usize> {
+    let interval = rng.random_range(SPAN[0] / count..=SPAN[1] / count);
+    let last = frames - 1;
+    let spread = |step: usize| (step * interval * last + REFERENCE_STEPS / 2) / REFERENCE_STEPS;
+    (1..=count).map(|k| (guidance + spread(k)).min(last)).collect()
+}
+
+impl Exemplar {
+    /// Draws K and the interval, then makes the exemplar of a guidance frame (0 to 19).
+    pub fn draw(video: &Sequence, guidance: usize, config: &ExemplarConfig, rng: &mut impl Rng) -> Self {
+        let [low, high] = config.key_frames;
+        let count = rng.random_range(low..=high);
+        let keys = key_frames(guidance, count, video.len(), rng);
+        Self::of(video, guidance, &keys, config.resolution)
+    }
+
+    /// The exemplar of given frames.
+    ///
+    /// # Panics
+    /// If the video lacks one of the frames.
+    pub fn of(video: &Sequence, guidance: usize, key_frames: &[usize], resolution: usize) -> Self {
+        let indices: Vec<usize> = std::iter::once(guidance).chain(key_frames.iter().copied()).collect();
+        let homographies: Vec<Homography> = key_frames.iter().map(|&key| video.homography(guidance, key, resolution)).collect();
+        let side = resolution;
+        Self {
+            frames: indices.iter().map(|&i| video.frame(i, side)).collect(),
+            flows: homographies.iter().map(|h| h.flow(side, side)).collect(),
+            valid: homographies.iter().map(|h| h.valid(side, side, side, side)).collect(),
+            homographies,
+            target: video.target_maps(guidance, side),
+            material: video.material().to_owned(),
+            indices,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sequence::SequenceConfig;
+    use crate::sequence::tests::sequence;
+    use std::collections::HashSet;
+
+    #[test]
+    fn every_guidance_frame_of_every_video_comes_once_per_window() {
+        let streams = Stream::new(3);
+        let places: Vec<_> = (0..200).map(|i| place(i, 5, &streams)).collect();
+        let (first, second) = places.split_at(100);
+        assert_eq!(first.iter().collect::<HashSet<_>>().len(), 100);
+        assert!(first.iter().all(|p| p.0 < 5 && p.1 < 20) && second.iter().all(|p| (5..10).contains(&p.0)));
+        assert!(first[..10].iter().map(|p| p.0).collect::<HashSet<_>>().len() > 2, "videos are mixed");
+        assert_ne!(first.iter().map(|p| p.1).collect::<Vec<_>>(), second.iter().map(|p| p.1).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn key_frames_are_regular_and_inside_the_video() {
+        for draw in 0..300 {
+            let rng = &mut Stream::new(1).rng("keys", draw);
+            let (guidance, count) = (rng.random_range(0..20), rng.random_range(4..=16));
+            let keys = key_frames(guidance, count, 141, rng);
+            let interval = keys[0] - guidance;
+            assert!((60 / count..=120 / count).contains(&interval));
+            assert!(keys.iter().enumerate().all(|(k, &f)| f == guidance + (k + 1) * interval && f <= 140));
+        }
+        let fast = key_frames(5, 4, 561, &mut Stream::new(1).rng("keys", 0));
+        let slow = key_frames(5, 4, 141, &mut Stream::new(1).rng("keys", 0));
+        assert_eq!(fast.iter().map(|f| (f - 5) / 4).collect::<Vec<_>>(), slow.iter().map(|f| f - 5).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn an_exemplar_holds_its_frames_warps_and_target() {
+        let video = sequence(&SequenceConfig::svbrdf(), 6);
+        let config = ExemplarConfig { resolution: 32, key_frames: [3, 3], ..ExemplarConfig::default() };
+        let exemplar = Exemplar::draw(&video, 7, &config, &mut Stream::new(2).rng("exemplar", 0));
+        assert_eq!((exemplar.frames.len(), exemplar.flows.len(), exemplar.valid.len()), (4, 3, 3));
+        assert_eq!(exemplar.indices[0], 7);
+        assert_eq!(exemplar.frames[2], video.frame(exemplar.indices[2], 32));
+        let (flow, valid) = video.flow(7, exemplar.indices[3], 32);
+        assert_eq!((&exemplar.flows[2], &exemplar.valid[2]), (&flow, &valid));
+        assert_eq!(exemplar.target.normal, video.target_maps(7, 32).normal);
+        assert_eq!(exemplar.homographies[0].flow(32, 32), exemplar.flows[0]);
+    }
+
+    #[test]
+    fn bad_values_are_named() {
+        let refused = |config: ExemplarConfig| config.validate().unwrap_err().to_string();
+        assert!(refused(ExemplarConfig { key_frames: [5, 4], ..Default::default() }).contains("key_frames is [5, 4]"));
+        assert!(refused(ExemplarConfig { key_frames: [0, 4], ..Default::default() }).contains("1 ≤ low"));
+        assert!(refused(ExemplarConfig { resolution: 4, ..Default::default() }).contains("resolution is 4"));
+        ExemplarConfig::default().validate().unwrap();
+    }
+}

@@ -1,0 +1,299 @@
+//! One synthetic scanning video (paper §4): frames, exact flow between any two of them, and the maps each frame sees.
+//!
+//! Everything comes from the same cameras, so frames, flow, warps and target maps agree. A frame is a pure function of
+//! (seed, video, frame index, resolution): the order of requests and the number of threads change nothing, and a crop of
+//! a frame is rendered alone yet equals the same rectangle of the whole frame.
+
+pub mod lights;
+mod noise;
+
+use std::sync::Arc;
+
+use ops::homography::Homography;
+use ops::planes::{Mask, Planes};
+use rand::RngExt;
+use rayon::prelude::*;
+use render::brdf::BrdfModel;
+use render::camera::Camera;
+use render::light::radiance;
+use render::sensor::Sensor;
+use serde::{Deserialize, Serialize};
+
+use crate::material::augment::{AugmentConfig, AugmentError, Augmentation, AugmentedMaterial};
+use crate::material::{GRID, Material};
+use crate::path::{CameraPath, PathConfig, PathError};
+use crate::stream::Stream;
+
+use lights::{LightConfig, Lighting, VideoLights};
+pub(crate) use noise::PixelNoise;
+
+/// What videos to make.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SequenceConfig {
+    /// The camera's way.
+    pub path: PathConfig,
+    /// How the material is varied.
+    pub augment: AugmentConfig,
+    /// How the video is lit.
+    pub light: LightConfig,
+    /// Multiplies the sensor noise of §4; 0 switches it off.
+    pub noise_scale: f32,
+}
+
+impl Default for SequenceConfig {
+    fn default() -> Self {
+        Self::svbrdf()
+    }
+}
+
+/// A value of [`SequenceConfig`] out of its range.
+#[derive(Debug, PartialEq, thiserror::Error)]
+pub enum SequenceConfigError {
+    /// In the path.
+    #[error(transparent)]
+    Path(#[from] PathError),
+    /// In the augmentation.
+    #[error(transparent)]
+    Augment(#[from] AugmentError),
+    /// In the light.
+    #[error("light.ambient is {0:?}; expected [low, high] with 0 ≤ low ≤ high ≤ 10, a share of the flash")]
+    Ambient([f64; 2]),
+    /// In the sensor.
+    #[error("noise_scale is {0}; expected a factor, 0 to 100")]
+    Noise(f32),
+}
+
+impl SequenceConfig {
+    /// Videos for the SVBRDF net: spiral or (1/3) line, flash only, Perlin specular layer.
+    pub fn svbrdf() -> Self {
+        Self {
+            path: PathConfig { line_share: 1.0 / 3.0, ..PathConfig::default() },
+            augment: AugmentConfig::default(),
+            light: LightConfig::default(),
+            noise_scale: 1.0,
+        }
+    }
+
+    /// Videos for the flow nets: spiral, flash of random strength and a second light, no Perlin layer.
+    pub fn flow() -> Self {
+        Self {
+            path: PathConfig::default(),
+            augment: AugmentConfig { perlin: 0.0, ..AugmentConfig::default() },
+            light: LightConfig { kind: Lighting::Flow, ambient: [0.0; 2] },
+            noise_scale: 1.0,
+        }
+    }
+
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// Names the key, its value and the allowed range.
+    pub fn validate(&self) -> Result<(), SequenceConfigError> {
+        self.path.validate()?;
+        self.augment.validate()?;
+        let [low, high] = self.light.ambient;
+        if !(0.0 <= low && low <= high && high <= 10.0) {
+            return Err(SequenceConfigError::Ambient(self.light.ambient));
+        }
+        if !(0.0..=100.0).contains(&self.noise_scale) {
+            return Err(SequenceConfigError::Noise(self.noise_scale));
+        }
+        Ok(())
+    }
+}
+
+/// A scanning video of one material.
+#[derive(Clone, Debug)]
+pub struct Sequence {
+    surface: AugmentedMaterial,
+    path: CameraPath,
+    lights: VideoLights,
+    sensor: Option<Stream>,
+    noise_scale: f32,
+}
+
+impl Sequence {
+    /// Draws the video with the given index: augmentation, path, lights and noise come from streams named by it.
+    pub fn new(material: Arc<Material>, config: &SequenceConfig, streams: &Stream, video: u64) -> Self {
+        let augmentation = Augmentation::draw(&material, &mut streams.rng("augmentation", video), &config.augment);
+        let path = config.path.draw(&mut streams.rng("camera path", video));
+        let lights = VideoLights::draw(&config.light, path.height, &mut streams.rng("light", video));
+        Self {
+            surface: AugmentedMaterial { material, augmentation },
+            path,
+            lights,
+            sensor: Some(streams.child("sensor", video)),
+            noise_scale: config.noise_scale,
+        }
+    }
+
+    /// A video of given parts with a noiseless sensor: for measuring.
+    pub fn from_parts(surface: AugmentedMaterial, path: CameraPath, lights: VideoLights) -> Self {
+        Self { surface, path, lights, sensor: None, noise_scale: 0.0 }
+    }
+
+    /// Number of frames.
+    pub fn len(&self) -> usize {
+        self.path.cameras.len()
+    }
+
+    /// Whether there is no frame.
+    pub fn is_empty(&self) -> bool {
+        self.path.cameras.is_empty()
+    }
+
+    /// Name of the material.
+    pub fn material(&self) -> &str {
+        self.surface.name()
+    }
+
+    /// Whether the material shows enough detail to align by.
+    pub fn textured(&self) -> bool {
+        self.surface.material.textured()
+    }
+
+    /// The material as this video shows it.
+    pub fn surface(&self) -> &AugmentedMaterial {
+        &self.surface
+    }
+
+    /// The camera's way and the figures it was drawn from.
+    pub fn path(&self) -> &CameraPath {
+        &self.path
+    }
+
+    /// The lights.
+    pub fn lights(&self) -> &VideoLights {
+        &self.lights
+    }
+
+    /// The camera of a frame.
+    ///
+    /// # Panics
+    /// Like every method that takes a frame index, if there is no such frame.
+    pub fn camera(&self, frame: usize) -> &Camera {
+        &self.path.cameras[frame]
+    }
+
+    /// A frame as the program reads it: noisy, clipped, gamma-encoded, 8 bit.
+    ///
+    /// # Shapes
+    /// 3 planes of `res × res`, multiples of 1/255.
+    pub fn frame(&self, frame: usize, res: usize) -> Planes {
+        self.frame_crop(frame, res, 0, 0, res, res)
+    }
+
+    /// The rectangle of [`Sequence::frame`] with the upper-left corner (row `y0`, column `x0`); nothing else is rendered.
+    pub fn frame_crop(&self, frame: usize, res: usize, y0: usize, x0: usize, height: usize, width: usize) -> Planes {
+        let noise = self.noise(frame);
+        let light = self.radiance_crop(frame, res, [y0, x0], [height, width], |y, x| noise.at(y, x));
+        Sensor::noiseless().expose(&light)
+    }
+
+    /// The linear radiance that a noiseless sensor would see, not clipped.
+    pub fn radiance(&self, frame: usize, res: usize) -> Planes {
+        self.radiance_crop(frame, res, [0, 0], [res, res], |_, _| [0.0; 3])
+    }
+
+    fn noise(&self, frame: usize) -> PixelNoise {
+        self.sensor.map_or(PixelNoise::new(0.0, 0), |streams| {
+            let mut rng = streams.rng("frame", frame as u64);
+            let Sensor { sigma, .. } = Sensor::draw(&mut rng);
+            PixelNoise::new(self.noise_scale * sigma, rng.random())
+        })
+    }
+
+    fn radiance_crop(
+        &self,
+        frame: usize,
+        res: usize,
+        [y0, x0]: [usize; 2],
+        [height, width]: [usize; 2],
+        noise: impl Fn(usize, usize) -> [f32; 3] + Sync,
+    ) -> Planes {
+        let camera = self.camera(frame);
+        let (view, lights, eye) = (View::new(camera, res), self.lights.at(camera), camera.eye());
+        rendered(height, width, |y, x| {
+            let (y, x) = (y + y0, x + x0);
+            let seen = view.at(x, y);
+            let texel = self.surface.sample(seen.tx, seen.ty, seen.footprint);
+            let light = radiance(&texel, [seen.x, seen.y, 0.0], eye, &lights, BrdfModel::default());
+            let noise = noise(y, x);
+            std::array::from_fn(|c| light[c] + noise[c])
+        })
+    }
+
+    /// The exact map from pixels of frame `target` to those of frame `source` that show the same point.
+    pub fn homography(&self, target: usize, source: usize, res: usize) -> Homography {
+        Camera::between(self.camera(target), self.camera(source), res)
+    }
+
+    /// The exact backward flow from frame `target` to frame `source`, and the pixels whose point is inside `source`.
+    pub fn flow(&self, target: usize, source: usize, res: usize) -> (Planes, Mask) {
+        let map = self.homography(target, source, res);
+        (map.flow(res, res), map.valid(res, res, res, res))
+    }
+}
+
+/// Fills 3 planes from a function of (row, column), rows in parallel.
+pub(crate) fn rendered(height: usize, width: usize, pixel: impl Fn(usize, usize) -> [f32; 3] + Sync) -> Planes {
+    let mut image = Planes::new(3, height, width);
+    let (red, rest) = image.data.split_at_mut(height * width);
+    let (green, blue) = rest.split_at_mut(height * width);
+    let rows = red.par_chunks_mut(width).zip(green.par_chunks_mut(width)).zip(blue.par_chunks_mut(width));
+    rows.enumerate().for_each(|(y, ((red, green), blue))| {
+        for x in 0..width {
+            [red[x], green[x], blue[x]] = pixel(y, x);
+        }
+    });
+    image
+}
+
+/// Where a camera's pixels lie on the material.
+struct View {
+    matrix: [[f64; 3]; 3],
+    determinant: f64,
+}
+
+/// What a pixel shows.
+struct Seen {
+    /// World x, y.
+    x: f32,
+    y: f32,
+    /// The same place on the texel grid.
+    tx: f32,
+    ty: f32,
+    /// Width of the pixel in texels of the grid.
+    footprint: f32,
+}
+
+impl View {
+    fn new(camera: &Camera, res: usize) -> Self {
+        let m = camera.pixel_to_world(res).matrix;
+        let matrix = std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]));
+        Self { matrix, determinant: m.determinant().abs() }
+    }
+
+    #[inline(always)]
+    fn at(&self, x: usize, y: usize) -> Seen {
+        const HALF: f64 = GRID as f64 / 2.0;
+        let (x, y) = (x as f64, y as f64);
+        let row = |r: usize| self.matrix[r][0] * x + self.matrix[r][1] * y + self.matrix[r][2];
+        // A pixel at or above the horizon shows a point very far away, in the mean colour of the coarsest level.
+        let scale = 1.0 / row(2).max(1e-6);
+        let (x, y) = (row(0) * scale, row(1) * scale);
+        // The map's Jacobian determinant is det(M)/w³: the area of the pixel on the material.
+        let area = (self.determinant * scale * scale * scale) as f32;
+        Seen {
+            x: x as f32,
+            y: y as f32,
+            tx: ((x + 1.0) * HALF - 0.5) as f32,
+            ty: ((1.0 - y) * HALF - 0.5) as f32,
+            footprint: area.sqrt() * HALF as f32,
+        }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

@@ -1,0 +1,92 @@
+//! The maps a frame sees: what the SVBRDF net has to predict from it.
+
+use ops::planes::Planes;
+use rayon::prelude::*;
+use render::SvbrdfImage;
+use render::texel::Texel;
+
+use super::{Sequence, View};
+
+impl Sequence {
+    /// The maps that a frame sees, normals in the frame's axes (x right, y up, z to the camera).
+    pub fn target_maps(&self, frame: usize, res: usize) -> SvbrdfImage {
+        let camera = self.camera(frame);
+        let (view, rotation) = (View::new(camera, res), camera.normal_to_camera());
+        let texels: Vec<Texel> = (0..res * res)
+            .into_par_iter()
+            .with_min_len(res)
+            .map(|i| {
+                let seen = view.at(i % res, i / res);
+                self.surface.sample(seen.tx, seen.ty, seen.footprint)
+            })
+            .collect();
+        let plane = |value: &(dyn Fn(&Texel) -> f32 + Sync)| texels.iter().map(value).collect::<Vec<f32>>();
+        let three = |value: &(dyn Fn(&Texel, usize) -> f32 + Sync)| {
+            let data = (0..3).flat_map(|c| plane(&|t| value(t, c))).collect();
+            Planes::from_vec(3, res, res, data)
+        };
+        let rotated = |n: [f32; 3], row: [f32; 3]| n[0] * row[0] + n[1] * row[1] + n[2] * row[2];
+        SvbrdfImage {
+            normal: three(&|t, c| rotated(t.normal, rotation[c])),
+            diffuse: three(&|t, c| t.diffuse[c]),
+            roughness: Planes::from_vec(1, res, res, plane(&|t| t.roughness)),
+            specular: three(&|t, c| t.specular[c]),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::sequence::SequenceConfig;
+    use crate::sequence::tests::{cast, sequence};
+    use ops::flow_field::warp_planes;
+    use ops::planes::Planes;
+
+    #[test]
+    fn target_maps_are_the_samples_that_cast_rays_hit_with_normals_in_the_frames_axes() {
+        let res = 48;
+        let video = sequence(&SequenceConfig::svbrdf(), 1);
+        let camera = video.camera(70);
+        let maps = video.target_maps(70, res);
+        for (y, x) in [(0, 0), (20, 31), (47, 2)] {
+            let at = |x: f64, y: f64| {
+                let [wx, wy] = cast(camera, x, y, res);
+                [(wx + 1.0) * 2048.0 - 0.5, (1.0 - wy) * 2048.0 - 0.5]
+            };
+            let ([tx, ty], [tx1, ty1], [tx2, ty2]) = {
+                let (x, y) = (x as f64, y as f64);
+                (at(x, y), at(x + 1.0, y), at(x, y + 1.0))
+            };
+            let footprint = ((tx1 - tx) * (ty2 - ty) - (ty1 - ty) * (tx2 - tx)).abs().sqrt();
+            let texel = video.surface().sample(tx as f32, ty as f32, footprint as f32);
+            for c in 0..3 {
+                assert!((maps.diffuse.at(c, y, x) - texel.diffuse[c]).abs() < 1e-3);
+                assert!((maps.specular.at(c, y, x) - texel.specular[c]).abs() < 1e-3);
+            }
+            assert!((maps.roughness.at(0, y, x) - texel.roughness).abs() < 1e-3);
+            let [right, up, back] =
+                [camera.right, camera.down.map(|v| -v), camera.forward.map(|v| -v)].map(|axis| axis.map(|v| v as f32));
+            for (c, axis) in [right, up, back].iter().enumerate() {
+                let expected: f32 = (0..3).map(|k| axis[k] * texel.normal[k]).sum();
+                assert!((maps.normal.at(c, y, x) - expected).abs() < 2e-3);
+            }
+            let length: f32 = (0..3).map(|c| maps.normal.at(c, y, x).powi(2)).sum();
+            assert!((length - 1.0).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn warping_the_source_albedo_by_the_flow_gives_the_targets() {
+        let res = 96;
+        let video = sequence(&SequenceConfig::flow(), 7);
+        let (flow, valid) = video.flow(10, 11, res);
+        let (target, source) = (video.target_maps(10, res).diffuse, video.target_maps(11, res).diffuse);
+        let error = |image: &Planes| {
+            let pixels: Vec<usize> = (0..res * res).filter(|&i| valid.data[i]).collect();
+            assert!(pixels.len() > res * res / 2);
+            pixels.iter().map(|&i| (image.data[i] - target.data[i]).abs()).sum::<f32>() / pixels.len() as f32
+        };
+        let (warped, _) = warp_planes(&source, &flow);
+        assert!(error(&warped) < 0.1 * error(&source), "{} warped, {} as it is", error(&warped), error(&source));
+    }
+}
