@@ -22,3 +22,4 @@ pub mod kernel;
 pub mod planes;
 pub mod resample;
 pub mod warp;
+pub mod weights;
