@@ -251,6 +251,9 @@ mod tests {
         assert!(Environment::new(1, 1, vec![[0.0; 3]]).unwrap().lights(4, 1.0, &mut ChaCha8Rng::seed_from_u64(1)).is_empty());
         assert_eq!(Environment::new(2, 2, vec![]).unwrap_err(), EnvironmentError::Size { rows: 2, columns: 2, found: 0 });
         assert!(Environment::new(1, 1, vec![[f32::NAN; 3]]).is_err());
-        assert_eq!(Environment::sky(&mut ChaCha8Rng::seed_from_u64(3)).lights(16, 1.0, &mut ChaCha8Rng::seed_from_u64(1)).len(), 16);
+        assert_eq!(
+            Environment::sky(&mut ChaCha8Rng::seed_from_u64(3)).lights(16, 1.0, &mut ChaCha8Rng::seed_from_u64(1)).len(),
+            16
+        );
     }
 }
