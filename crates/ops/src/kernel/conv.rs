@@ -6,7 +6,7 @@
 
 use rayon::prelude::*;
 
-use super::tile::{DOT, Instructions, LANES, MOST_OUTPUTS, TILE};
+use super::tile::{DOT, Instructions, LANES, MOST_OUTPUTS, Offsets, TILE};
 use crate::conv::{Conv3x3, Padding};
 
 /// Input channels per weight-gradient task: enough work to share out, few enough that a chunk of their rows stays in cache.
@@ -62,7 +62,7 @@ struct Rows {
     images: usize,
     height: usize,
     width: usize,
-    offsets: Vec<usize>,
+    offsets: Offsets,
 }
 
 /// Zeroed memory; large blocks come from the system already zero.
@@ -108,7 +108,7 @@ fn padded_rows(x: &[f32], s: &Sizes) -> Rows {
         images: s.n,
         height: s.oh(),
         width: s.ow(),
-        offsets: (0..s.taps()).map(offset).collect(),
+        offsets: Offsets::new((0..s.taps()).map(offset)),
     }
 }
 
@@ -130,7 +130,7 @@ fn column_rows(x: &[f32], s: &Sizes) -> Rows {
         images: 1,
         height: 1,
         width: pixels,
-        offsets: (0..s.taps()).map(|k| k * step).collect(),
+        offsets: Offsets::new((0..s.taps()).map(|k| k * step)),
     }
 }
 
@@ -254,7 +254,7 @@ fn backward_input_narrow(gradient: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
         images: 1,
         height: 1,
         width: pixels,
-        offsets: (0..s.outputs).map(|o| o * step).collect(),
+        offsets: Offsets::new((0..s.outputs).map(|o| o * step)),
     };
     let mut columns = zeros(taps * pixels);
     correlate(&rows, taps, |k, o| w[o * taps + k], &mut columns, &Target { image: 0, channel: pixels, row: 0 });
@@ -283,8 +283,15 @@ fn backward_input_wide(gradient: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
         }
     });
     let mut padded = zeros(s.n * s.inputs * ph * pw);
-    let mut rows =
-        Rows { data, image_step: s.outputs * plane, row_step: row, images: s.n, height: 0, width: 0, offsets: vec![] };
+    let mut rows = Rows {
+        data,
+        image_step: s.outputs * plane,
+        row_step: row,
+        images: s.n,
+        height: 0,
+        width: 0,
+        offsets: Offsets::new(std::iter::empty()),
+    };
     for phase_y in 0..stride {
         for phase_x in 0..stride {
             let hits = |k: usize, phase: usize| k * dilation % stride == phase;
@@ -293,12 +300,10 @@ fn backward_input_wide(gradient: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
             rows.width = (pw - phase_x).div_ceil(stride);
             // Padded input pixel (stride·i + phase) takes from output i + (phase − k·dilation) / stride.
             let shift = |k: usize, phase: usize| border - (k * dilation - phase) / stride;
-            rows.offsets = (0..s.outputs * kernel.len())
-                .map(|i| {
-                    let (o, k) = (i / kernel.len(), kernel[i % kernel.len()]);
-                    o * plane + shift(k / 3, phase_y) * row + shift(k % 3, phase_x)
-                })
-                .collect();
+            rows.offsets = Offsets::new((0..s.outputs * kernel.len()).map(|i| {
+                let (o, k) = (i / kernel.len(), kernel[i % kernel.len()]);
+                o * plane + shift(k / 3, phase_y) * row + shift(k % 3, phase_x)
+            }));
             let weight = |c: usize, i: usize| w[(i / kernel.len() * s.inputs + c) * 9 + kernel[i % kernel.len()]];
             let (height, width) = (rows.height, rows.width);
             let mut out = zeros(s.n * s.inputs * height * width);
@@ -374,7 +379,7 @@ fn correlate_gradient(rows: &Rows, gradient: &[f32], s: &Sizes, layout: &Target)
                                     [..rows.width]
                             };
                             let base = n * rows.image_step + y * rows.row_step;
-                            let tap = |j: usize| &rows.data[base + rows.offsets[k + j]..][..rows.width];
+                            let tap = |j: usize| &rows.data[base + rows.offsets.at(k + j)..][..rows.width];
                             instructions.dot(count, [row(0), row(1), row(2)], [tap(0), tap(1), tap(2)], a);
                         }
                     }
