@@ -1,6 +1,7 @@
 //! Synthetic scanning sequences: materials, camera paths, frames with exact flow and target maps.
 
 pub mod chairs;
+pub mod image_io;
 pub mod material;
 pub mod pair;
 pub mod path;

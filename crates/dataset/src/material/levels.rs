@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::encoding::{LANES, Lanes, NORMAL, STORED, Stored, accumulate, encode, normal_z};
+use super::encoding::{LANES, Lanes, NORMAL, STORED, Stored, Sum, encode, normal_z};
 use super::stored::Wrap;
 
 /// Binary logarithms of the levels' texel sizes.
@@ -46,9 +46,9 @@ impl<T: Stored> Level<T> {
 
     /// The decoded texel at a column and row.
     pub(crate) fn texel(&self, x: usize, y: usize) -> Lanes {
-        let mut sum = [0.0; LANES];
-        accumulate(&mut sum, &self.data, y * self.width + x, 1.0);
-        sum
+        let mut sum = Sum::default();
+        sum.add(&self.data, y * self.width + x, 1.0);
+        sum.decode::<T>()
     }
 
     /// This level averaged to `width × height` texels; `base` is the size of level 0.
@@ -78,39 +78,49 @@ impl<T: Stored> Level<T> {
     pub(crate) fn bilinear(&self, x: f32, y: f32, wrap: Wrap) -> Lanes {
         let x = (x + 0.5) * self.scale[0] - 0.5;
         let y = (y + 0.5) * self.scale[1] - 0.5;
-        let (x_floor, y_floor) = (x.floor(), y.floor());
-        let (fx, fy) = (x - x_floor, y - y_floor);
-        let columns = wrap.pair(x_floor as i32, self.width as i32);
-        let rows = wrap.pair(y_floor as i32, self.height as i32);
+        let ((x, fx), (y, fy)) = (whole_and_fraction(x), whole_and_fraction(y));
+        let columns = wrap.pair(x, self.width as i32);
+        let rows = wrap.pair(y, self.height as i32);
         let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
         let index = |row: usize, column: usize| rows.index[row] * self.width + columns.index[column];
         let taps = [index(0, 0), index(0, 1), index(1, 0), index(1, 1)];
-        let mut sum = [0.0; LANES];
+        let mut sum = Sum::default();
         for tap in 0..4 {
-            accumulate(&mut sum, &self.data, taps[tap], weights[tap]);
+            sum.add(&self.data, taps[tap], weights[tap]);
         }
+        let mut lanes = sum.decode::<T>();
         if columns.seam() || rows.seam() {
-            self.mirror_seam(&mut sum, taps, weights, [columns.sign, rows.sign]);
+            self.mirror_seam(&mut lanes, taps, weights, [columns.sign, rows.sign]);
         } else {
-            sum[NORMAL] *= columns.sign[0];
-            sum[NORMAL + 1] *= rows.sign[0];
+            lanes[NORMAL] *= columns.sign[0];
+            lanes[NORMAL + 1] *= rows.sign[0];
         }
-        sum
+        lanes
     }
 
     /// Replaces the normal where the taps lie on both sides of a mirror: each tap has its own sign.
     #[cold]
-    fn mirror_seam(&self, sum: &mut Lanes, taps: [usize; 4], weights: [f32; 4], signs: [[f32; 2]; 2]) {
+    fn mirror_seam(&self, lanes: &mut Lanes, taps: [usize; 4], weights: [f32; 4], signs: [[f32; 2]; 2]) {
         for axis in 0..2 {
             let lane = NORMAL + axis;
-            sum[lane] = 0.0;
+            lanes[lane] = 0.0;
             for tap in 0..4 {
-                let stored = self.data[taps[tap] * STORED + lane].widen() - T::CENTRE[lane];
+                let stored = self.data[taps[tap] * STORED + lane].widen() - T::CENTRE;
                 let sign = signs[axis][if axis == 0 { tap % 2 } else { tap / 2 }];
-                sum[lane] += weights[tap] * sign * stored * T::LINEAR[lane];
+                lanes[lane] += weights[tap] * sign * stored / (T::MAX - T::CENTRE);
             }
         }
     }
+}
+
+/// Whole part (towards −∞) and fraction. `f32::floor` is a call into the C library on plain x86-64; this isn't.
+#[inline(always)]
+fn whole_and_fraction(value: f32) -> (i32, f32) {
+    // Far outside any camera's view, and no NaN gets through.
+    let value = value.max(-1e7).min(1e7);
+    let truncated = value as i32;
+    let whole = truncated - i32::from(truncated as f32 > value);
+    (whole, value - whole as f32)
 }
 
 /// All levels of a tile, finest first.

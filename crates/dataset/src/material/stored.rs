@@ -41,8 +41,6 @@ impl Wrap {
     /// Texels `first` and `first + 1` of an endless axis, as texels of a tile of `size`.
     #[inline(always)]
     pub(crate) fn pair(self, first: i32, size: i32) -> Pair {
-        // Far outside any camera's view; keeps `first + 1` from overflowing.
-        let first = first.clamp(-(1 << 24), 1 << 24);
         match self {
             Self::Repeat => {
                 let a = modulo(first, size);
