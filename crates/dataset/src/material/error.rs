@@ -1,5 +1,9 @@
 //! What can be wrong with a material.
 
+use std::path::PathBuf;
+
+use crate::image_io::ImageError;
+
 /// A material that can't be used, and why.
 #[derive(Debug, thiserror::Error)]
 pub enum MaterialError {
@@ -20,5 +24,63 @@ pub enum MaterialError {
     NonFinite {
         /// Name of the material.
         name: String,
+    },
+    /// A map that can't be derived from the others.
+    #[error("{folder}: no {map} map; looked for {tried} (any case, any prefix, sizes like _2K ignored)")]
+    MissingMap {
+        /// The folder.
+        folder: PathBuf,
+        /// Which map.
+        map: &'static str,
+        /// The names that would have been taken.
+        tried: String,
+    },
+    /// Maps that can't belong to one surface.
+    #[error(
+        "{path}: {}×{} pixels, but {base} has {}×{}: the maps of a material need the same shape",
+        size[0], size[1], base_size[0], base_size[1]
+    )]
+    Aspect {
+        /// The map.
+        path: PathBuf,
+        /// Its columns and rows.
+        size: [usize; 2],
+        /// The base colour.
+        base: PathBuf,
+        /// Its columns and rows.
+        base_size: [usize; 2],
+    },
+    /// A height or bump map in the normal map's place.
+    #[error("{path}: a grey image can't be a normal map; expected red, green and blue")]
+    GreyNormal {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A map that can't be read.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// A folder that can't be read.
+    #[error("{path}: can't list the material folder: {source}")]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// A folder without materials.
+    #[error("{path}: no material in it; expected one folder per material with base colour, normal and roughness maps")]
+    NoMaterials {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A manifest that can't be understood.
+    #[error("{path}, line {line}: {reason}")]
+    Manifest {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// What is wrong.
+        reason: String,
     },
 }

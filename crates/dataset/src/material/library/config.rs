@@ -1,0 +1,130 @@
+//! What a config file says about the sources of materials.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use super::LibraryError;
+use crate::material::procedural::Family;
+use crate::material::stored::{GRID, Wrap};
+
+/// One source of materials; a run may mix several.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "lowercase")]
+pub enum SourceConfig {
+    /// Generated materials: no file needed.
+    Procedural(ProceduralConfig),
+    /// Folders of texture maps.
+    Pbr(PbrConfig),
+}
+
+/// Generated materials.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ProceduralConfig {
+    /// Texels per side of a tile, which covers 0.5 × 0.5 of the material's 2 × 2 whatever its size.
+    pub size: usize,
+    /// How many materials, over both sides of the split.
+    pub count: usize,
+    /// Names of the families to take; empty takes all.
+    pub families: Vec<String>,
+    /// Other seeds give other materials.
+    pub seed: u64,
+    /// How often this source is drawn, relative to the others.
+    pub weight: f64,
+}
+
+impl Default for ProceduralConfig {
+    fn default() -> Self {
+        Self { size: 1024, count: 340, families: Vec::new(), seed: 0, weight: 1.0 }
+    }
+}
+
+impl ProceduralConfig {
+    /// The families this source takes; unknown names are left out (validation reports them).
+    pub(super) fn families(&self) -> Vec<Family> {
+        if self.families.is_empty() {
+            return Family::ALL.to_vec();
+        }
+        self.families.iter().filter_map(|name| Family::from_name(name)).collect()
+    }
+}
+
+/// Folders of texture maps.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PbrConfig {
+    /// A folder with one folder per material, or one material's folder. Relative to where the program is started.
+    pub path: PathBuf,
+    /// Texels of the maps over the material's \[−1, 1\]: 4096 shows maps of 1024² as tiles of 0.5 × 0.5.
+    #[serde(default = "grid")]
+    pub texels: usize,
+    /// How maps continue beyond their edge: `repeat` for tileable ones, `mirror` for others.
+    #[serde(default)]
+    pub wrap: Wrap,
+    /// How often this source is drawn, relative to the others.
+    #[serde(default = "one")]
+    pub weight: f64,
+}
+
+fn grid() -> usize {
+    GRID
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+impl SourceConfig {
+    /// How often the source is drawn, relative to the others.
+    pub fn weight(&self) -> f64 {
+        match self {
+            Self::Procedural(config) => config.weight,
+            Self::Pbr(config) => config.weight,
+        }
+    }
+
+    /// Checks every value; `source_index` is the position of the source (from 1) for the message.
+    ///
+    /// # Errors
+    /// [`LibraryError::Config`] for the first value out of range.
+    pub fn validate(&self, source_index: usize) -> Result<(), LibraryError> {
+        let kind = match self {
+            Self::Procedural(_) => "procedural",
+            Self::Pbr(_) => "pbr",
+        };
+        let fail = |key, found: String, expected: &str| {
+            Err(LibraryError::Config { source_index, kind, key, found, expected: expected.into() })
+        };
+        let weight = self.weight();
+        if !(weight > 0.0 && weight.is_finite()) {
+            return fail("weight", weight.to_string(), "a positive number");
+        }
+        match self {
+            Self::Procedural(config) => {
+                if !(64..=4096).contains(&config.size) {
+                    return fail("size", config.size.to_string(), "64 to 4096 texels");
+                }
+                if config.count == 0 {
+                    return fail("count", "0".into(), "at least 1");
+                }
+                if config.seed > u64::from(u32::MAX) {
+                    return fail("seed", config.seed.to_string(), "0 to 4294967295");
+                }
+                if let Some(name) = config.families.iter().find(|name| Family::from_name(name).is_none()) {
+                    let known: Vec<_> = Family::ALL.iter().map(|f| f.name()).collect();
+                    return fail("families", format!("`{name}`"), &format!("names among {}", known.join(", ")));
+                }
+            }
+            Self::Pbr(config) => {
+                if !(16..=65_536).contains(&config.texels) {
+                    return fail("texels", config.texels.to_string(), "16 to 65536 texels over the material");
+                }
+                if !config.path.is_dir() {
+                    return fail("path", config.path.display().to_string(), "an existing folder of material folders");
+                }
+            }
+        }
+        Ok(())
+    }
+}
