@@ -1,2 +1,2 @@
-//! train
+//! The trainer's command line.
 fn main() {}

@@ -1,0 +1,116 @@
+//! The layers of a configuration: the extended files from the bottom up, then the `--set` assignments.
+
+use super::{Config, ConfigError, Diagnosis, Invalid, lookup};
+use serde::Deserialize;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use toml::de::{DeTable, DeValue};
+
+/// One source of settings, with its text for error messages.
+pub struct Layer {
+    origin: String,
+    text: String,
+    table: toml::Table,
+}
+
+impl Layer {
+    /// Parses and checks a text by itself: unknown keys and wrong types are found here, where their place is known.
+    fn new(origin: String, text: String) -> Result<(Self, Option<String>), ConfigError> {
+        let config: Config =
+            toml::from_str(&text).map_err(|error| ConfigError::Text(Box::new(Diagnosis::from_toml(&origin, &text, &error))))?;
+        let mut table: toml::Table =
+            text.parse().map_err(|error| ConfigError::Text(Box::new(Diagnosis::from_toml(&origin, &text, &error))))?;
+        table.remove("extends");
+        Ok((Self { origin, text, table }, config.extends))
+    }
+}
+
+/// Reads a file and everything it extends, base first.
+pub fn read(path: &Path) -> Result<Vec<Layer>, ConfigError> {
+    let mut layers = Vec::new();
+    let mut chain: Vec<PathBuf> = Vec::new();
+    let mut next = Some(path.to_path_buf());
+    while let Some(path) = next {
+        let identity = path.canonicalize().unwrap_or_else(|_| path.clone());
+        let repeated = chain.contains(&identity);
+        chain.push(identity);
+        if repeated {
+            return Err(ConfigError::Circle { chain });
+        }
+        let text = std::fs::read_to_string(&path).map_err(|source| ConfigError::Read { path: path.clone(), source })?;
+        let (layer, extends) = Layer::new(path.display().to_string(), text)?;
+        layers.push(layer);
+        next = match extends {
+            Some(name) => Some(beside(&path, &name)?),
+            None => None,
+        };
+    }
+    layers.reverse();
+    Ok(layers)
+}
+
+/// `extends` names a file beside the one that extends it, or one that `--config` would find.
+fn beside(path: &Path, name: &str) -> Result<PathBuf, ConfigError> {
+    let sibling = path.parent().unwrap_or(Path::new("")).join(name);
+    if sibling.is_file() { Ok(sibling) } else { lookup::find(name) }
+}
+
+/// A `--set table.key=value` as a layer; a value that isn't TOML is taken as a string.
+pub fn from_assignment(assignment: &str) -> Result<Layer, ConfigError> {
+    let origin = "--set".to_string();
+    let Some((key, value)) = assignment.split_once('=') else {
+        let help = vec!["write it as `--set table.key=value`, for example `--set svbrdf.steps=200`".to_string()];
+        let shown = Diagnosis::at(&origin, assignment, Some(0..assignment.len()), "there is no `=` in this assignment".into(), help);
+        return Err(ConfigError::Text(Box::new(shown)));
+    };
+    let is_toml = format!("value = {value}").parse::<toml::Table>().is_ok_and(|table| table.len() == 1);
+    let text = if is_toml { format!("{key}={value}") } else { format!("{key}={}", toml::Value::String(value.into())) };
+    Layer::new(origin, text).map(|(layer, _)| layer)
+}
+
+/// Lays the layers over each other: tables are merged, every other value is replaced.
+pub fn merge(layers: &[Layer]) -> Result<Config, ConfigError> {
+    let mut merged = toml::Table::new();
+    for layer in layers {
+        overlay(&mut merged, &layer.table);
+    }
+    Config::deserialize(merged).map_err(|error| ConfigError::Merge(error.to_string()))
+}
+
+fn overlay(base: &mut toml::Table, top: &toml::Table) {
+    for (key, value) in top {
+        match (base.get_mut(key), value) {
+            (Some(toml::Value::Table(below)), toml::Value::Table(above)) => overlay(below, above),
+            _ => {
+                base.insert(key.clone(), value.clone());
+            }
+        }
+    }
+}
+
+/// Shows an impossible value at the place of the topmost layer that wrote it.
+pub fn locate(layers: &[Layer], problem: &Invalid) -> Diagnosis {
+    let message = format!("`{}` is {}", problem.key, problem.found);
+    let help = vec![format!("expected {}", problem.expected)];
+    for layer in layers.iter().rev() {
+        if let Some(span) = span_of(&layer.text, problem.key) {
+            return Diagnosis::at(&layer.origin, &layer.text, Some(span), message, help);
+        }
+    }
+    Diagnosis::at("default", "", None, message, help)
+}
+
+fn span_of(text: &str, key: &str) -> Option<Range<usize>> {
+    let root = DeTable::parse(text).ok()?;
+    let mut table = root.get_ref();
+    let mut span = None;
+    for part in key.split('.') {
+        let (_, value) = table.iter().find(|(name, _)| name.get_ref() == part)?;
+        span = Some(value.span());
+        match value.get_ref() {
+            DeValue::Table(inner) => table = inner,
+            _ => break,
+        }
+    }
+    span
+}

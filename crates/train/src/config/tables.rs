@@ -1,0 +1,300 @@
+//! The tables of a config file. Every key has a default; an unknown one is an error.
+
+use serde::{Deserialize, Serialize};
+
+/// Everything a run is made of.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// The config below this one, by name or path; gone once the layers are merged.
+    #[serde(skip_serializing)]
+    pub extends: Option<String>,
+    /// Name, seed, workers.
+    pub run: Run,
+    /// Where materials come from.
+    pub materials: Materials,
+    /// The flow net and what it starts from.
+    pub flow: FlowTable,
+    /// Pre-training of the flow net on image pairs without a material (FlyingChairs style).
+    pub chairs: PairStage,
+    /// Flow between neighbouring frames.
+    pub adjacent: PairStage,
+    /// Flow that remains between the guidance image and an aligned key frame.
+    pub distant: PairStage,
+    /// Maps from frames.
+    pub svbrdf: SvbrdfStage,
+    /// Evaluation on held-out materials at the end.
+    pub report: Report,
+    /// When checkpoints are written and how many stay.
+    pub checkpoint: Checkpointing,
+}
+
+/// What a non-finite loss leads to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum OnNan {
+    /// The run ends with the step, the term and the dumped exemplar.
+    #[default]
+    Stop,
+    /// The run goes back to the last checkpoint, skips the exemplar and counts it.
+    Restore,
+}
+
+/// `[run]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Run {
+    /// Name of the run folder below `runs/`; the config's file name when empty.
+    pub name: String,
+    /// The one seed that every random stream is derived from.
+    pub seed: u64,
+    /// Threads that prepare batches; the results don't depend on it.
+    pub data_workers: usize,
+    /// What a non-finite loss leads to.
+    pub on_nan: OnNan,
+}
+
+impl Default for Run {
+    fn default() -> Self {
+        Self { name: String::new(), seed: 1, data_workers: 1, on_nan: OnNan::Stop }
+    }
+}
+
+/// `[materials]`
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Materials {}
+
+/// Size of the flow nets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FlowNet {
+    /// Half width, four levels, no context net: learns in minutes on a CPU.
+    #[default]
+    Slim,
+    /// PWC-Net as in the paper: six levels, context net, 5 M parameters.
+    Paper,
+}
+
+/// What the flow nets start from.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub enum FlowInit {
+    /// The pre-trained net that ships in `weights/`.
+    #[default]
+    Weights,
+    /// Random weights; the chairs stage trains them first when it has steps.
+    None,
+    /// A safetensors file.
+    File(std::path::PathBuf),
+}
+
+impl TryFrom<String> for FlowInit {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        match text.as_str() {
+            "weights" => Ok(Self::Weights),
+            "none" => Ok(Self::None),
+            path if path.ends_with(".safetensors") => Ok(Self::File(path.into())),
+            other => Err(format!("`{other}` is no start for the flow nets: expected `weights`, `none` or the path of a .safetensors file")),
+        }
+    }
+}
+
+impl From<FlowInit> for String {
+    fn from(init: FlowInit) -> Self {
+        match init {
+            FlowInit::Weights => "weights".into(),
+            FlowInit::None => "none".into(),
+            FlowInit::File(path) => path.display().to_string(),
+        }
+    }
+}
+
+/// `[flow]`
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FlowTable {
+    /// Size of the nets.
+    pub net: FlowNet,
+    /// What they start from.
+    pub init: FlowInit,
+}
+
+/// How the learning rate runs over a stage.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Schedule {
+    /// A linear ramp over `warm_up` steps, then constant (paper §6).
+    #[default]
+    Constant,
+    /// A ramp from a tenth over `warm_up` steps, then half a cosine down to zero at the last step.
+    OneCycle,
+}
+
+/// Adam's constants.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Adam {
+    /// Decay of the first moment.
+    pub beta1: f64,
+    /// Decay of the second moment.
+    pub beta2: f64,
+    /// Added to the root of the second moment.
+    pub epsilon: f64,
+}
+
+impl Default for Adam {
+    fn default() -> Self {
+        Self { beta1: 0.9, beta2: 0.999, epsilon: 1e-8 }
+    }
+}
+
+/// How a stage's weights move and how often the run reports.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Optimisation {
+    /// Peak learning rate.
+    pub learning_rate: f64,
+    /// Its course.
+    pub schedule: Schedule,
+    /// Steps of the ramp at the start.
+    pub warm_up: usize,
+    /// Adam's constants.
+    pub adam: Adam,
+    /// L2 penalty added to the gradient.
+    pub weight_decay: f64,
+    /// Largest norm of the whole gradient; 0 clips nothing.
+    pub clip: f64,
+    /// Batches whose gradients are averaged into one step.
+    pub accumulate: usize,
+    /// Decay of the moving average of the weights that evaluation uses; 0 keeps none.
+    pub ema: f64,
+    /// Steps between two rows of preview pictures.
+    pub preview_every: usize,
+    /// Steps between two measurements on held-out materials; 0 measures only at the end.
+    pub validate_every: usize,
+}
+
+impl Default for Optimisation {
+    fn default() -> Self {
+        Self {
+            learning_rate: 1e-4,
+            schedule: Schedule::Constant,
+            warm_up: 0,
+            adam: Adam::default(),
+            weight_decay: 0.0,
+            clip: 0.0,
+            accumulate: 1,
+            ema: 0.0,
+            preview_every: 200,
+            validate_every: 200,
+        }
+    }
+}
+
+/// `[chairs]`, `[adjacent]`, `[distant]`: a stage that learns flow from pairs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PairStage {
+    /// Optimiser steps; 0 leaves the stage out.
+    pub steps: usize,
+    /// Pairs in a batch.
+    pub batch: usize,
+    /// Side of the square the net sees, in pixels.
+    pub crop: usize,
+    /// Side of the rendered frame the square is cut from, in pixels.
+    pub resolution: usize,
+    /// Share of the training during which the coarse flow is taken from the truth now and then.
+    pub teacher_forcing: f64,
+    /// Weight of the matching loss on the cost volumes.
+    pub matching: f64,
+    /// Pairs that a measurement on held-out materials uses.
+    pub validation_pairs: usize,
+    /// Optimiser and intervals.
+    pub optimisation: Optimisation,
+}
+
+impl Default for PairStage {
+    fn default() -> Self {
+        Self {
+            steps: 0,
+            batch: 2,
+            crop: 192,
+            resolution: 256,
+            teacher_forcing: 0.7,
+            matching: 0.1,
+            validation_pairs: 16,
+            optimisation: Optimisation { learning_rate: 2e-3, schedule: Schedule::OneCycle, warm_up: 50, ..Optimisation::default() },
+        }
+    }
+}
+
+/// `[svbrdf]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SvbrdfStage {
+    /// Optimiser steps; 0 leaves the stage out.
+    pub steps: usize,
+    /// Width of the net: 64 in the paper, 32 or 16 for small budgets.
+    pub width: usize,
+    /// Side of the frames, in pixels.
+    pub resolution: usize,
+    /// Fewest and most key frames beside the guidance image.
+    pub key_frames: [usize; 2],
+    /// Exemplars that a measurement on held-out materials uses.
+    pub validation_exemplars: usize,
+    /// Optimiser and intervals.
+    pub optimisation: Optimisation,
+}
+
+impl Default for SvbrdfStage {
+    fn default() -> Self {
+        Self {
+            steps: 0,
+            width: 16,
+            resolution: 128,
+            key_frames: [2, 4],
+            validation_exemplars: 8,
+            optimisation: Optimisation {
+                learning_rate: 2e-4,
+                warm_up: 50,
+                // Spec 4.3: β₁ 0.5, ε 1e-4.
+                adam: Adam { beta1: 0.5, beta2: 0.999, epsilon: 1e-4 },
+                ema: 0.99,
+                ..Optimisation::default()
+            },
+        }
+    }
+}
+
+/// `[report]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Report {
+    /// Whether the trained nets are evaluated on held-out materials at the end.
+    pub evaluate: bool,
+}
+
+impl Default for Report {
+    fn default() -> Self {
+        Self { evaluate: true }
+    }
+}
+
+/// `[checkpoint]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Checkpointing {
+    /// Steps between two checkpoints: what a `kill -9` can cost.
+    pub every_steps: usize,
+    /// Checkpoints that stay, the newest first.
+    pub keep_last: usize,
+}
+
+impl Default for Checkpointing {
+    fn default() -> Self {
+        Self { every_steps: 100, keep_last: 2 }
+    }
+}

@@ -1,0 +1,12 @@
+//! How weights move: parameters by name, gradients, Adam, the learning rate's course, the moving average.
+
+mod adam;
+mod average;
+mod parameters;
+mod schedule;
+
+pub use adam::AdamOptimiser;
+pub use average::Average;
+pub use parameters::{Gradients, NamedTensors, ParameterError, assign, gradients, values};
+pub(crate) use parameters::{from_vec, to_vec};
+pub use schedule::rate;

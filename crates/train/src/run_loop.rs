@@ -1,0 +1,405 @@
+//! The training loop that all stages share.
+
+use crate::checkpoint::{Checkpoint, CheckpointError, State, Store};
+use crate::config::OnNan;
+use crate::guard::{self, NonFinite};
+use crate::optimiser::{AdamOptimiser, Average, Gradients, NamedTensors, ParameterError, assign, gradients, rate, values};
+use crate::progress::{Progress, Status};
+use crate::recorder::{Kind, Recorder, Row};
+use crate::stage::{Moment, Stage, StageError};
+use burn::module::Module;
+use burn::tensor::{Device, Tensor};
+use dataset::producer::{Producer, ProducerError};
+use dataset::stream::Stream;
+use rand_chacha::rand_core::Rng;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// A run gives up after going back this often in one stage: then the weights, not one exemplar, are at fault.
+const MOST_RESTORES: usize = 5;
+/// Batches that are made ahead of their use, per worker.
+const AHEAD_PER_WORKER: usize = 2;
+
+/// A stage that could not be finished.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// The stage itself.
+    #[error("{stage}, step {step}: {source}")]
+    Stage {
+        /// Stage of the run.
+        stage: &'static str,
+        /// Optimiser step.
+        step: u64,
+        /// The reason.
+        source: StageError,
+    },
+    /// A loss or gradient that isn't a number.
+    #[error(
+        "{stage}, step {step}: the term `{term}` is {value}. The batch (number {batch}) is in {}. Try a lower learning rate or `clip`, or set `run.on_nan = \"restore\"` to go back and skip it",
+        dump.display()
+    )]
+    NonFinite {
+        /// Stage of the run.
+        stage: &'static str,
+        /// Optimiser step.
+        step: u64,
+        /// Loss term or `gradient_norm`.
+        term: String,
+        /// NaN or an infinity.
+        value: f64,
+        /// Number of the batch.
+        batch: u64,
+        /// The dumped batch.
+        dump: PathBuf,
+    },
+    /// A data worker.
+    #[error(transparent)]
+    Producer(#[from] ProducerError),
+    /// A checkpoint.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// A checkpoint of another net.
+    #[error("{stage}: the checkpoint doesn't fit the net: {source}")]
+    Parameters {
+        /// Stage of the run.
+        stage: &'static str,
+        /// What doesn't fit.
+        source: ParameterError,
+    },
+    /// Metrics, pictures or dumps that can't be written.
+    #[error("cannot write into the run folder: {0}")]
+    Io(#[from] io::Error),
+}
+
+/// What surrounds a stage.
+pub struct Surroundings<'a> {
+    /// The device without gradients.
+    pub device: Device,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Threads that make batches.
+    pub data_workers: usize,
+    /// What a non-finite loss leads to.
+    pub on_nan: OnNan,
+    /// Steps between two checkpoints.
+    pub checkpoint_every: u64,
+    /// Where checkpoints lie.
+    pub store: &'a Store,
+    /// Where dumps go.
+    pub failures: &'a Path,
+    /// Where numbers and pictures go.
+    pub recorder: &'a mut dyn Recorder,
+    /// Asked after every step, with the steps done: whether to stop with a checkpoint.
+    pub stop: &'a dyn Fn(u64) -> bool,
+    /// Training time of the run before this stage, in seconds.
+    pub seconds_before: f64,
+}
+
+/// How a stage ended.
+pub enum Outcome<N> {
+    /// All steps are done.
+    Finished(Box<Trained<N>>),
+    /// A person or the system asked to stop; a checkpoint is written.
+    Stopped {
+        /// Steps done.
+        step: u64,
+    },
+}
+
+/// A trained net and what it is worth.
+pub struct Trained<N> {
+    /// The net without gradients, averaged when an average is kept.
+    pub net: N,
+    /// Measurements on held-out materials.
+    pub measured: Vec<(String, f64)>,
+    /// Batches skipped because a loss was not finite on them.
+    pub skipped: Vec<u64>,
+    /// Training time of the run so far, in seconds.
+    pub seconds: f64,
+}
+
+/// Trains a stage from its start or from a checkpoint.
+///
+/// # Errors
+/// See [`TrainError`]; everything written before stays whole.
+pub fn train<S: Stage>(stage: &S, around: &mut Surroundings<'_>, from: Option<Checkpoint>) -> Result<Outcome<S::Net>, TrainError> {
+    let steps = stage.steps() as u64;
+    let mut run = StageRun::begin(stage, around, from)?;
+    while run.state.step < steps {
+        match run.step()? {
+            Ok(row) => run.report(&row)?,
+            Err(bad) => {
+                run.recover(bad)?;
+                continue;
+            }
+        }
+        let stopping = (run.around.stop)(run.state.step) && run.state.step < steps;
+        if stopping || run.state.step.is_multiple_of(run.around.checkpoint_every) || run.state.step == steps {
+            run.save()?;
+        }
+        if stopping {
+            return Ok(Outcome::Stopped { step: run.state.step });
+        }
+    }
+    run.finish()
+}
+
+/// The numbers of a good step.
+struct StepRow {
+    values: Vec<(String, f64)>,
+    samples_per_second: f64,
+    waiting: f64,
+}
+
+/// A step whose losses were not finite: what, on which batch, and where the batch was dumped.
+struct BadStep {
+    found: NonFinite,
+    batch: u64,
+    dump: PathBuf,
+}
+
+struct StageRun<'s, 'b, S: Stage> {
+    stage: &'s S,
+    around: &'s mut Surroundings<'b>,
+    net: S::Net,
+    adam: AdamOptimiser,
+    average: Option<Average>,
+    producer: Producer<Result<S::Item, String>>,
+    streams: Stream,
+    state: State,
+    progress: Progress,
+    measured: Option<(String, f64)>,
+    /// When this process began, less the training time before.
+    began: Instant,
+    seconds_before: f64,
+}
+
+impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
+    fn begin(stage: &'s S, around: &'s mut Surroundings<'b>, from: Option<Checkpoint>) -> Result<Self, TrainError> {
+        let streams = Stream::new(around.seed).child(stage.name(), 0);
+        let fresh = Checkpoint::default();
+        let checkpoint = from.as_ref().unwrap_or(&fresh);
+        let mut state = checkpoint.state.clone();
+        if from.is_none() {
+            state.stage = stage.name().into();
+            state.seconds = around.seconds_before;
+            state.fingerprint = around.store.fingerprint.clone();
+        }
+        let fail = |source| TrainError::Stage { stage: stage.name(), step: 0, source };
+        around.device.seed(streams.rng("device, start", 0).next_u64());
+        let mut net = stage.start(&around.device.clone().autodiff(), &mut streams.rng("weights", 0)).map_err(fail)?;
+        if from.is_some() {
+            net = assign(net, &checkpoint.weights).map_err(|source| TrainError::Parameters { stage: stage.name(), source })?;
+        }
+        let plan = stage.plan();
+        let mut adam = AdamOptimiser::new(plan.adam, plan.weight_decay);
+        adam.time = state.adam_time;
+        adam.first = checkpoint.first.clone();
+        adam.second = checkpoint.second.clone();
+        let start = if checkpoint.average.is_empty() { values(&net) } else { checkpoint.average.clone() };
+        let average = Average::new(plan.ema, start);
+        around.recorder.rewind(stage.name(), state.step)?;
+        let producer = Self::producer(stage, around.data_workers, state.cursor)?;
+        let progress = Progress::new(stage.name(), state.step, stage.steps() as u64);
+        let seconds_before = state.seconds;
+        Ok(Self {
+            stage, around, net, adam, average, producer, streams, state, progress, measured: None, began: Instant::now(), seconds_before,
+        })
+    }
+
+    fn producer(stage: &S, workers: usize, cursor: u64) -> Result<Producer<Result<S::Item, String>>, ProducerError> {
+        let make = stage.make();
+        Producer::new(workers, workers * AHEAD_PER_WORKER, cursor, move |index| make(index))
+    }
+
+    fn failure(&self, source: StageError) -> TrainError {
+        TrainError::Stage { stage: self.stage.name(), step: self.state.step, source }
+    }
+
+    /// The next batch that isn't to be skipped, with its number.
+    fn take(&mut self) -> Result<(u64, S::Item), TrainError> {
+        loop {
+            let batch = self.state.cursor;
+            let item = self.producer.take()?;
+            self.state.cursor += 1;
+            if !self.state.skipped.contains(&batch) {
+                return item.map(|item| (batch, item)).map_err(|reason| self.failure(StageError(reason)));
+            }
+        }
+    }
+
+    fn step(&mut self) -> Result<Result<StepRow, BadStep>, TrainError> {
+        let (began, waited) = (Instant::now(), self.producer.wait_seconds());
+        let plan = self.stage.plan().clone();
+        let mut sum = Gradients::default();
+        let mut row: Vec<(String, f64)> = Vec::new();
+        let mut last = None;
+        for _ in 0..plan.accumulate {
+            let (batch, item) = self.take()?;
+            let (losses, gradients) = self.backward(batch, &item)?;
+            if let Err(found) = guard::check(&losses) {
+                return self.bad(found, batch, &item).map(Err);
+            }
+            sum.add(gradients);
+            add(&mut row, losses, plan.accumulate);
+            last = Some((batch, item));
+        }
+        if plan.accumulate > 1 {
+            sum.scale(1.0 / plan.accumulate as f64);
+        }
+        let norm = sum.norm();
+        row.push(("gradient_norm".into(), f64::from(norm)));
+        if let (Err(found), Some((batch, item))) = (guard::check(&row), last) {
+            return self.bad(found, batch, &item).map(Err);
+        }
+        let learning_rate = rate(&plan, self.state.step as usize, self.stage.steps());
+        sum.clip(norm, plan.clip);
+        self.update(sum, learning_rate)?;
+        row.push(("learning_rate".into(), learning_rate));
+        let seconds = began.elapsed().as_secs_f64().max(1e-9);
+        let waiting = (self.producer.wait_seconds() - waited) / seconds;
+        let samples_per_second = (self.stage.batch() * plan.accumulate) as f64 / seconds;
+        Ok(Ok(StepRow { values: row, samples_per_second, waiting }))
+    }
+
+    /// Losses as numbers, and the gradients, of one batch.
+    fn backward(&mut self, batch: u64, item: &S::Item) -> Result<(Vec<(String, f64)>, Gradients), TrainError> {
+        let device = self.around.device.clone();
+        // Layers that draw by themselves (dropout) draw from the device's generator.
+        device.seed(self.streams.rng("device", batch).next_u64());
+        let done = self.state.step as f64 / self.stage.steps().max(1) as f64;
+        let moment = Moment { step: self.state.step, done, rng: self.streams.rng("losses", batch) };
+        let losses = self.stage.losses(&self.net, item, moment, &device.autodiff()).map_err(|source| self.failure(source))?;
+        let number = |tensor: &Tensor<1>| f64::from(tensor.clone().into_scalar::<f32>());
+        let mut row = vec![("loss".to_string(), number(&losses.total))];
+        row.extend(losses.terms.iter().map(|(name, term)| (name.clone(), number(term))));
+        let gradients = gradients(&self.net, losses.total.backward());
+        Ok((row, gradients))
+    }
+
+    fn update(&mut self, gradients: Gradients, learning_rate: f64) -> Result<(), TrainError> {
+        let new = self.adam.step(values(&self.net), gradients, learning_rate);
+        self.state.step += 1;
+        self.state.adam_time = self.adam.time;
+        if let Some(average) = &mut self.average {
+            average.update(&new, self.state.step);
+        }
+        self.net = self.assign(self.net.clone(), &new)?;
+        Ok(())
+    }
+
+    fn assign(&self, net: S::Net, values: &NamedTensors) -> Result<S::Net, TrainError> {
+        assign(net, values).map_err(|source| TrainError::Parameters { stage: self.stage.name(), source })
+    }
+
+    fn bad(&self, found: NonFinite, batch: u64, item: &S::Item) -> Result<BadStep, TrainError> {
+        let dump = guard::dump(self.around.failures, self.stage.name(), self.state.step, &self.stage.arrays(item))?;
+        Ok(BadStep { found, batch, dump })
+    }
+
+    /// Ends the run, or goes back to the last checkpoint without the batch.
+    fn recover(&mut self, bad: BadStep) -> Result<(), TrainError> {
+        let name = self.stage.name();
+        let BadStep { found: NonFinite { term, value }, batch, dump } = bad;
+        let mut skipped = self.state.skipped.clone();
+        if self.around.on_nan == OnNan::Stop || skipped.len() >= MOST_RESTORES {
+            return Err(TrainError::NonFinite { stage: name, step: self.state.step, term, value, batch, dump });
+        }
+        skipped.push(batch);
+        let from = self.around.store.newest(name, &self.around.device)?;
+        self.progress.say(&format!(
+            "{name}, step {}: the term `{term}` is {value}; going back to step {} and skipping batch {batch} ({})",
+            self.state.step, from.as_ref().map_or(0, |checkpoint| checkpoint.state.step), dump.display()
+        ));
+        self.restore(from, skipped)
+    }
+
+    fn restore(&mut self, from: Option<Checkpoint>, skipped: Vec<u64>) -> Result<(), TrainError> {
+        let before = StageRun::begin(self.stage, self.around, from)?;
+        let StageRun { net, adam, average, producer, state, .. } = before;
+        (self.net, self.adam, self.average, self.producer, self.state) = (net, adam, average, producer, state);
+        self.state.skipped = skipped;
+        Ok(())
+    }
+
+    fn report(&mut self, row: &StepRow) -> Result<(), TrainError> {
+        let (name, step, plan) = (self.stage.name(), self.state.step, self.stage.plan());
+        self.around.recorder.row(&Row { stage: name, step, kind: Kind::Train, values: &row.values })?;
+        let (preview, validate) = (plan.preview_every as u64, plan.validate_every as u64);
+        // One picture at once, so that a person sees within a minute what the run works on.
+        if step == 1 || step.is_multiple_of(preview) {
+            self.preview()?;
+        }
+        if validate > 0 && step.is_multiple_of(validate) && step < self.stage.steps() as u64 {
+            self.measure()?;
+        }
+        let shown = row.values.len().saturating_sub(2);
+        let measured = self.measured.as_ref().map(|(name, value)| (name.as_str(), *value));
+        let StepRow { values, samples_per_second, waiting } = row;
+        self.progress.show(&Status {
+            step, losses: &values[..shown], measured, samples_per_second: *samples_per_second, waiting: *waiting,
+        });
+        Ok(())
+    }
+
+    /// The net as evaluation uses it: without gradients and dropout, averaged when an average is kept.
+    fn evaluated(&self) -> Result<S::Net, TrainError> {
+        let net = self.net.valid();
+        match &self.average {
+            Some(average) => self.assign(net, &average.values),
+            None => Ok(net),
+        }
+    }
+
+    fn preview(&mut self) -> Result<(), TrainError> {
+        let pictures = self.stage.preview(&self.evaluated()?, &self.around.device).map_err(|source| self.failure(source))?;
+        for picture in pictures {
+            self.around.recorder.picture(self.stage.name(), self.state.step, &picture.name, &picture.image)?;
+        }
+        Ok(self.around.recorder.flush()?)
+    }
+
+    fn measure(&mut self) -> Result<Vec<(String, f64)>, TrainError> {
+        let measured = self.stage.measure(&self.evaluated()?, &self.around.device).map_err(|source| self.failure(source))?;
+        self.measured = measured.first().cloned();
+        let row = Row { stage: self.stage.name(), step: self.state.step, kind: Kind::Validate, values: &measured };
+        self.around.recorder.row(&row)?;
+        self.around.recorder.flush()?;
+        Ok(measured)
+    }
+
+    fn save(&mut self) -> Result<(), TrainError> {
+        // Numbers first: after a resume the metrics reach at least as far as the checkpoint.
+        self.around.recorder.flush()?;
+        self.state.seconds = self.seconds_before + self.began.elapsed().as_secs_f64();
+        let average = self.average.as_ref().map(|average| average.values.clone()).unwrap_or_default();
+        let (first, second) = (self.adam.first.clone(), self.adam.second.clone());
+        let checkpoint = Checkpoint { state: self.state.clone(), weights: values(&self.net), average, first, second };
+        self.around.store.save(&checkpoint)?;
+        Ok(())
+    }
+
+    fn finish(mut self) -> Result<Outcome<S::Net>, TrainError> {
+        let measured = self.measure()?;
+        self.preview()?;
+        let seconds = self.seconds_before + self.began.elapsed().as_secs_f64();
+        let trained = Trained { net: self.evaluated()?, measured, skipped: self.state.skipped.clone(), seconds };
+        Ok(Outcome::Finished(Box::new(trained)))
+    }
+}
+
+/// Adds a batch's share of the losses to the row of its step.
+fn add(row: &mut Vec<(String, f64)>, losses: Vec<(String, f64)>, batches: usize) {
+    if batches == 1 {
+        *row = losses;
+        return;
+    }
+    for (name, value) in losses {
+        let share = value / batches as f64;
+        match row.iter_mut().find(|(known, _)| *known == name) {
+            Some((_, sum)) => *sum += share,
+            None => row.push((name, share)),
+        }
+    }
+}

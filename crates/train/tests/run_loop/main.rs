@@ -1,0 +1,163 @@
+//! Laws of the training loop, on a net of four numbers.
+
+mod toy;
+
+use std::path::Path;
+use std::sync::Mutex;
+use toy::{Line, Toy};
+use train::checkpoint::Store;
+use train::config::OnNan;
+use train::recorder::{Kind, Metrics, Previews, Recorder, read_steps};
+use train::run_folder::RunFolder;
+use train::run_loop::{Outcome, Surroundings, TrainError, Trained, train};
+
+/// burn's CPU generator is one per process: two trainings at once would draw from each other's.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+struct Options {
+    workers: usize,
+    on_nan: OnNan,
+    every: u64,
+    stop_at: Option<u64>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { workers: 1, on_nan: OnNan::Stop, every: 10, stop_at: None }
+    }
+}
+
+fn run(folder: &Path, stage: &Toy, options: &Options) -> Result<Outcome<Line>, TrainError> {
+    let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(|poison| poison.into_inner());
+    let folder = if folder.exists() { RunFolder::open(folder) } else { RunFolder::create(folder, false) }.unwrap();
+    folder.write("run.json", "{}").unwrap();
+    folder.write("config.toml", "").unwrap();
+    let store = Store { folder: folder.checkpoints(), keep_last: 2, fingerprint: "toy".into() };
+    let mut recorders: Vec<Box<dyn Recorder>> =
+        vec![Box::new(Metrics::open(&folder.metrics()).unwrap()), Box::new(Previews { folder: folder.previews() })];
+    let device = burn::tensor::Device::flex();
+    let from = store.newest("toy", &device)?;
+    let mut around = Surroundings {
+        device,
+        seed: 5,
+        data_workers: options.workers,
+        on_nan: options.on_nan,
+        checkpoint_every: options.every,
+        store: &store,
+        failures: &folder.failures(),
+        recorder: &mut recorders,
+        stop: &|step| options.stop_at == Some(step),
+        seconds_before: 0.0,
+    };
+    train(stage, &mut around, from)
+}
+
+fn finished(outcome: Result<Outcome<Line>, TrainError>) -> Box<Trained<Line>> {
+    match outcome.unwrap() {
+        Outcome::Finished(trained) => trained,
+        Outcome::Stopped { step } => panic!("stopped at step {step}"),
+    }
+}
+
+/// Losses and gradient norms by step, as bits.
+fn curve(folder: &Path) -> Vec<(u64, u64, u64)> {
+    let read = |name| read_steps(&folder.join("metrics.jsonl"), Kind::Train, name).unwrap();
+    read("loss").iter().zip(read("gradient_norm")).map(|((_, step, loss), (_, _, norm))| (*step, loss.to_bits(), norm.to_bits())).collect()
+}
+
+fn new_run(name: &str) -> (tempfile::TempDir, std::path::PathBuf) {
+    let home = tempfile::tempdir().unwrap();
+    let path = home.path().join(name);
+    (home, path)
+}
+
+#[test]
+fn the_line_is_found_and_the_run_leaves_curves_pictures_and_checkpoints() {
+    let (_home, folder) = new_run("run");
+    let trained = finished(run(&folder, &Toy::new(150), &Options::default()));
+    assert!(trained.measured[0].1 < 0.3, "{:?}", trained.measured);
+    assert_eq!(curve(&folder).len(), 150);
+    assert_eq!(read_steps(&folder.join("metrics.jsonl"), Kind::Validate, "slope_error").unwrap().len(), 30);
+    assert!(folder.join("previews/toy-000001-line.png").is_file());
+    assert_eq!(std::fs::read_dir(folder.join("checkpoints")).unwrap().count(), 2);
+}
+
+#[test]
+fn a_stop_and_resume_equals_no_stop_to_the_last_bit_whatever_the_workers() {
+    for accumulate in [1, 3] {
+        let mut stage = Toy::new(20);
+        stage.plan.accumulate = accumulate;
+        let (_home, whole) = new_run("whole");
+        let straight = finished(run(&whole, &stage, &Options::default()));
+        let (_home, parts) = new_run("parts");
+        for (stop_at, workers) in [(7, 2), (8, 4)] {
+            let options = Options { workers, stop_at: Some(stop_at), ..Options::default() };
+            assert!(matches!(run(&parts, &stage, &options).unwrap(), Outcome::Stopped { step } if step == stop_at));
+        }
+        let resumed = finished(run(&parts, &stage, &Options { workers: 3, ..Options::default() }));
+        assert_eq!(curve(&whole), curve(&parts));
+        assert_eq!(straight.measured[0].1.to_bits(), resumed.measured[0].1.to_bits());
+    }
+}
+
+#[test]
+fn a_kill_between_checkpoints_costs_only_the_steps_since() {
+    let options = Options { every: 6, ..Options::default() };
+    let (_home, whole) = new_run("whole");
+    finished(run(&whole, &Toy::new(20), &options));
+    // What a kill after step 20 leaves when the checkpoint of step 20 didn't get written: later rows, a torn last line.
+    let (_home, killed) = new_run("killed");
+    finished(run(&killed, &Toy::new(20), &options));
+    std::fs::remove_file(killed.join("checkpoints/toy-00000020.safetensors")).unwrap();
+    let metrics = killed.join("metrics.jsonl");
+    let text = std::fs::read_to_string(&metrics).unwrap();
+    std::fs::write(&metrics, &text[..text.len() - 5]).unwrap();
+    finished(run(&killed, &Toy::new(20), &options));
+    assert_eq!(curve(&whole), curve(&killed));
+}
+
+#[test]
+fn another_seed_of_the_data_gives_another_curve() {
+    let (_home, clean) = new_run("a");
+    finished(run(&clean, &Toy::new(6), &Options::default()));
+    let (_home, other) = new_run("b");
+    let mut stage = Toy::new(6);
+    stage.plan.accumulate = 2;
+    finished(run(&other, &stage, &Options::default()));
+    assert_ne!(curve(&clean), curve(&other));
+}
+
+#[test]
+fn a_loss_that_is_not_a_number_stops_with_step_term_and_dump() {
+    let (_home, folder) = new_run("run");
+    let mut stage = Toy::new(20);
+    stage.poisoned = vec![12];
+    let Err(error) = run(&folder, &stage, &Options::default()) else { panic!("it went on") };
+    let TrainError::NonFinite { step, term, batch, dump, .. } = &error else { panic!("{error}") };
+    assert_eq!((*step, term.as_str(), *batch), (12, "loss", 12));
+    let dumped = std::fs::read(dump).unwrap();
+    assert_eq!(safetensors::SafeTensors::deserialize(&dumped).unwrap().tensor("x").unwrap().shape(), [6]);
+    assert!(error.to_string().contains("on_nan"), "{error}");
+}
+
+#[test]
+fn restore_goes_back_skips_the_batch_and_counts_it() {
+    for poisoned in [vec![12], vec![2], vec![2, 12, 13]] {
+        let (_home, folder) = new_run("run");
+        let mut stage = Toy::new(20);
+        stage.poisoned = poisoned.clone();
+        let trained = finished(run(&folder, &stage, &Options { on_nan: OnNan::Restore, ..Options::default() }));
+        assert_eq!(trained.skipped, poisoned);
+        let steps: Vec<u64> = curve(&folder).iter().map(|row| row.0).collect();
+        assert_eq!(steps, (1..=20).collect::<Vec<_>>());
+    }
+}
+
+#[test]
+fn restore_gives_up_when_everything_is_bad() {
+    let (_home, folder) = new_run("run");
+    let mut stage = Toy::new(20);
+    stage.poisoned = (0..100).collect();
+    let outcome = run(&folder, &stage, &Options { on_nan: OnNan::Restore, ..Options::default() });
+    assert!(matches!(outcome, Err(TrainError::NonFinite { .. })));
+}
