@@ -1,0 +1,136 @@
+//! The one convolution of the net: 3×3, edge padding, no bias, normalised (paper Eq. 5).
+
+use burn::module::{Module, Param};
+use burn::tensor::{Device, Tensor, TensorData};
+use ops::conv::{Conv3x3, conv3x3};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
+
+use super::Normalisation;
+
+/// Standard deviation of the initial filters (spec 4.1).
+const INITIAL_STD: f32 = 0.02;
+/// Added under the root of a filter's norm (paper Eq. 5).
+const NORM_EPSILON: f32 = 1e-8;
+/// Added to an instance's variance.
+const VARIANCE_EPSILON: f32 = 1e-5;
+
+/// A parameter of independent Gaussian values.
+pub(super) fn gaussian<const D: usize>(shape: [usize; D], std: f32, device: &Device, rng: &mut ChaCha8Rng) -> Param<Tensor<D>> {
+    let normal = Normal::new(0.0, std).expect("initial standard deviations are finite constants");
+    let values: Vec<f32> = (0..shape.iter().product()).map(|_| normal.sample(rng)).collect();
+    Param::from_data(TensorData::new(values, shape), device)
+}
+
+/// A parameter with one value everywhere.
+pub(super) fn filled<const D: usize>(shape: [usize; D], value: f32, device: &Device) -> Param<Tensor<D>> {
+    Param::from_tensor(Tensor::full(shape, value, device))
+}
+
+/// Learned scale and offset after an instance normalisation.
+#[derive(Module, Debug)]
+pub struct Affine {
+    scale: Param<Tensor<1>>,
+    offset: Param<Tensor<1>>,
+}
+
+/// A normalised 3×3 convolution.
+#[derive(Module, Debug)]
+pub struct Convolution {
+    /// Filters before normalisation, `[out, in, 3, 3]`.
+    weight: Param<Tensor<4>>,
+    /// Present for [`Normalisation::Instance`].
+    affine: Option<Affine>,
+}
+
+/// What a convolution hands on.
+pub struct Response {
+    /// `[N, out, H, W]`, normalised.
+    pub maps: Tensor<4>,
+    /// `[N, out]`, mean over the pixels before any instance normalisation: what the global track keeps.
+    pub means: Tensor<2>,
+}
+
+impl Convolution {
+    /// Draws a convolution from `inputs` to `outputs` channels.
+    pub fn init(inputs: usize, outputs: usize, normalisation: Normalisation, device: &Device, rng: &mut ChaCha8Rng) -> Self {
+        let affine = match normalisation {
+            Normalisation::Weight => None,
+            Normalisation::Instance => {
+                Some(Affine { scale: filled([outputs], 1.0, device), offset: filled([outputs], 0.0, device) })
+            }
+        };
+        Self { weight: gaussian([outputs, inputs, 3, 3], INITIAL_STD, device, rng), affine }
+    }
+
+    /// The filters that convolve: each of unit norm under weight normalisation.
+    ///
+    /// # Source
+    /// Paper Eq. 5: w' = w / √(Σ w² + ε) per output channel.
+    pub fn filters(&self) -> Tensor<4> {
+        let weight = self.weight.val();
+        if self.affine.is_some() {
+            return weight;
+        }
+        let [out, inputs, _, _] = weight.dims();
+        let rows = weight.reshape([out, inputs * 9]);
+        let norm = rows.clone().square().sum_dim(1).add_scalar(NORM_EPSILON).sqrt();
+        (rows / norm).reshape([out, inputs, 3, 3])
+    }
+
+    /// Convolves and normalises.
+    ///
+    /// # Shapes
+    /// `[N, in, H, W]` → `[N, out, ceil(H / stride), ceil(W / stride)]`
+    pub fn forward(&self, x: Tensor<4>, geometry: Conv3x3) -> Tensor<4> {
+        let maps = conv3x3(x, self.filters(), geometry);
+        match &self.affine {
+            Some(affine) => affine.normalise(maps),
+            None => maps,
+        }
+    }
+
+    /// Convolves, normalises and keeps the means of the convolution's output.
+    pub fn respond(&self, x: Tensor<4>, geometry: Conv3x3) -> Response {
+        let raw = conv3x3(x, self.filters(), geometry);
+        let means = channel_means(raw.clone());
+        let maps = match &self.affine {
+            Some(affine) => affine.normalise(raw),
+            None => raw,
+        };
+        Response { maps, means }
+    }
+
+    /// Parameters of the filters.
+    pub fn filter_parameters(&self) -> usize {
+        self.weight.lazy_shape().num_elements()
+    }
+}
+
+impl Affine {
+    /// Zero mean and unit variance per frame and channel, then scale and offset.
+    ///
+    /// A map of a single pixel has no variance; its value passes unnormalised, as in Deschaintre et al.'s innermost layer.
+    fn normalise(&self, x: Tensor<4>) -> Tensor<4> {
+        let [n, c, h, w] = x.dims();
+        let x = x.reshape([n, c, h * w]);
+        let x = if h * w > 1 {
+            let centred = x.clone() - x.mean_dim(2);
+            let deviation = centred.clone().square().mean_dim(2).add_scalar(VARIANCE_EPSILON).sqrt();
+            centred / deviation
+        } else {
+            x
+        };
+        let x = x * self.scale.val().reshape([1, c, 1]) + self.offset.val().reshape([1, c, 1]);
+        x.reshape([n, c, h, w])
+    }
+}
+
+/// Mean over the pixels.
+///
+/// # Shapes
+/// `[N, C, H, W]` → `[N, C]`
+pub(super) fn channel_means(x: Tensor<4>) -> Tensor<2> {
+    let [n, c, h, w] = x.dims();
+    x.reshape([n, c, h * w]).mean_dim(2).reshape([n, c])
+}

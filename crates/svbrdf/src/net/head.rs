@@ -1,0 +1,120 @@
+//! From pooled features to maps.
+
+use burn::module::{Module, Param};
+use burn::tensor::{Device, Tensor, TensorData};
+use ops::activation::bias_leaky_relu;
+use ops::conv::{Conv3x3, Padding, conv3x3};
+use rand_chacha::ChaCha8Rng;
+use render::maps::Svbrdf;
+
+use super::convolution::{Convolution, gaussian};
+use super::global_track::GlobalTrack;
+use super::{LEAK, SvbrdfNetConfig};
+use crate::constants::{ConstantMaps, OUTPUTS};
+
+/// Largest slope |nx / nz| or |ny / nz| the net can express (paper §6: tanh × 3).
+pub const NORMAL_SLOPE: f32 = 3.0;
+/// Beyond this, tanh passes less than 4 % of the gradient.
+const SATURATED: f32 = 0.98;
+
+#[derive(Module, Debug)]
+struct HeadLayer {
+    convolution: Convolution,
+    global: GlobalTrack,
+}
+
+/// Convolutions with global track, the last one with bias and tanh.
+#[derive(Module, Debug)]
+pub struct Head {
+    layers: Vec<HeadLayer>,
+    /// `[9, C, 3, 3]`, not normalised.
+    weight: Param<Tensor<4>>,
+    /// `[9]`
+    bias: Param<Tensor<1>>,
+}
+
+/// Maps with the net's bounded outputs they were made of.
+#[derive(Clone, Debug)]
+pub struct Prediction {
+    /// The maps, one per batch entry.
+    pub maps: Svbrdf,
+    /// `[1, 9, H, W]` in (−1, 1): nx, ny, diffuse ×3, roughness, specular ×3.
+    pub outputs: Tensor<4>,
+}
+
+impl Prediction {
+    /// The share of outputs in tanh's flat ends (|tanh| > 0.98). A share that climbs early in training means the net tips over.
+    pub fn saturation(&self) -> f32 {
+        let outputs = self.outputs.clone().detach().abs();
+        ops::planes::values(outputs.greater_elem(SATURATED).float().mean())[0]
+    }
+}
+
+impl Head {
+    pub(super) fn init(config: &SvbrdfNetConfig, device: &Device, rng: &mut ChaCha8Rng) -> Self {
+        let widths = config.head_widths();
+        let layers = (0..widths.len())
+            .map(|i| {
+                let from = if i == 0 { config.width } else { widths[i - 1] };
+                HeadLayer {
+                    convolution: Convolution::init(from, widths[i], config.normalisation, device, rng),
+                    global: GlobalTrack::init(widths[i], config.global_width(), false, device, rng),
+                }
+            })
+            .collect();
+        let inputs = *widths.last().expect("the head has layers");
+        // Xavier normal: √(2 / (fan in + fan out)), times the configured gain (spec 4.1: 0.02).
+        let std = config.output.gain * (2.0 / (9 * (inputs + OUTPUTS)) as f32).sqrt();
+        let weight = gaussian([OUTPUTS, inputs, 3, 3], std, device, rng);
+        Self { layers, weight, bias: Param::from_data(TensorData::new(vec![0.0f32; OUTPUTS], [OUTPUTS]), device) }
+    }
+
+    /// The same head whose outputs start at `constants`.
+    pub(super) fn starting_at(mut self, constants: &ConstantMaps) -> Self {
+        let device = self.bias.val().device();
+        let bias = TensorData::new(constants.output_bias().to_vec(), [OUTPUTS]);
+        self.bias = Param::from_data(bias, &device);
+        self
+    }
+
+    /// Decodes pooled features.
+    ///
+    /// # Shapes
+    /// `pooled [1, width, H, W]`, `global [1, G]`
+    pub fn forward(&self, pooled: Tensor<4>, global: Tensor<2>) -> Prediction {
+        let same = Conv3x3::same(Padding::Edge);
+        let mut x = bias_leaky_relu(pooled, None, LEAK);
+        let mut global = global;
+        for layer in &self.layers {
+            let response = layer.convolution.respond(x, same);
+            let step = layer.global.forward(response.means, Some(global));
+            x = bias_leaky_relu(response.maps, step.bias, LEAK);
+            global = step.global;
+        }
+        let outputs = (conv3x3(x, self.weight.val(), same) + self.bias.val().reshape([1, OUTPUTS, 1, 1])).tanh();
+        Prediction { maps: to_maps(outputs.clone()), outputs }
+    }
+
+    pub(super) fn convolutions(&self) -> impl Iterator<Item = &Convolution> {
+        self.layers.iter().map(|l| &l.convolution)
+    }
+
+    pub(super) fn output_parameters(&self) -> usize {
+        self.weight.lazy_shape().num_elements()
+    }
+}
+
+/// Bounded outputs → maps: (3·nx, 3·ny, 1) normalised; albedos and roughness from [−1, 1] to [0, 1].
+///
+/// # Shapes
+/// `[N, 9, H, W]` in [−1, 1]
+fn to_maps(outputs: Tensor<4>) -> Svbrdf {
+    let [n, _, h, w] = outputs.dims();
+    let slopes = outputs.clone().slice([0..n, 0..2, 0..h, 0..w]) * NORMAL_SLOPE;
+    let length = slopes.clone().square().sum_dim(1).add_scalar(1.0).sqrt();
+    let z = Tensor::ones([n, 1, h, w], &outputs.device());
+    let normal = Tensor::cat(vec![slopes, z], 1) / length;
+    let unit = outputs * 0.5 + 0.5;
+    let channels = |range: std::ops::Range<usize>| unit.clone().slice([0..n, range, 0..h, 0..w]);
+    Svbrdf { normal, diffuse: channels(2..5), roughness: channels(5..6), specular: channels(6..9) }
+}

@@ -1,0 +1,228 @@
+//! Laws of the SVBRDF net: counts, invariances, sizes, streaming.
+
+use burn::module::{Module, ModuleVisitor, Param};
+use burn::tensor::{Device, Tensor, TensorData};
+use ops::planes::{Planes, values};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use render::maps::Svbrdf;
+use svbrdf::constants::ConstantMaps;
+use svbrdf::net::{Fusion, FusionError, KeyFrame, NetConfigError, Normalisation, SvbrdfNet, SvbrdfNetConfig};
+
+fn stream(seed: u64) -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(seed)
+}
+
+fn small(levels: usize) -> SvbrdfNetConfig {
+    SvbrdfNetConfig { width: 4, levels, ..SvbrdfNetConfig::default() }
+}
+
+fn net(config: &SvbrdfNetConfig, device: &Device) -> SvbrdfNet {
+    // A gain of 1 makes the maps depend visibly on the features.
+    let mut config = config.clone();
+    config.output.gain = 1.0;
+    config.init(device, &mut stream(1)).expect("a valid config")
+}
+
+fn frames(count: usize, h: usize, w: usize, device: &Device) -> Tensor<4> {
+    let mut rng = stream(2);
+    let data: Vec<f32> = (0..count * 3 * h * w).map(|_| rng.random()).collect();
+    Tensor::from_data(TensorData::new(data, [count, 3, h, w]), device)
+}
+
+/// A different fractional shift per key frame.
+fn flows(count: usize, h: usize, w: usize, device: &Device) -> Tensor<4> {
+    let shifts = (0..count).flat_map(|k| [1.25 * (k + 1) as f32, -0.75 * k as f32]);
+    let data: Vec<f32> = shifts.flat_map(|s| std::iter::repeat_n(s, h * w)).collect();
+    Tensor::from_data(TensorData::new(data, [count, 2, h, w]), device)
+}
+
+fn all_values(maps: Svbrdf) -> Vec<f32> {
+    [maps.normal, maps.diffuse, maps.roughness, maps.specular].into_iter().flat_map(values).collect()
+}
+
+fn assert_same(a: &[f32], b: &[f32], tolerance: f32) {
+    assert_eq!(a.len(), b.len());
+    let worst = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(worst <= tolerance, "largest difference {worst}");
+}
+
+fn differ(a: &[f32], b: &[f32]) -> bool {
+    a.iter().zip(b).any(|(a, b)| (a - b).abs() > 1e-4)
+}
+
+#[test]
+fn the_papers_net_has_41_million_convolution_parameters() {
+    let net = SvbrdfNetConfig::default().init(&Device::flex(), &mut stream(0)).unwrap();
+    let count = net.convolution_parameters() as f64;
+    assert!((count / 41e6 - 1.0).abs() < 0.01, "{count}");
+}
+
+#[test]
+fn filters_have_unit_norm_under_weight_normalisation_only() {
+    let device = Device::flex();
+    let norms = |net: &SvbrdfNet| -> Vec<f32> {
+        net.convolutions()
+            .flat_map(|c| {
+                let filters = c.filters();
+                let [out, inputs, _, _] = filters.dims();
+                values(filters.reshape([out, inputs * 9]).square().sum_dim(1).sqrt())
+            })
+            .collect()
+    };
+    let weight = norms(&net(&small(3), &device));
+    assert!(weight.len() > 50 && weight.iter().all(|n| (n - 1.0).abs() < 1e-3));
+    let instance = norms(&net(&SvbrdfNetConfig { normalisation: Normalisation::Instance, ..small(3) }, &device));
+    assert!(instance.iter().all(|n| *n < 0.5));
+}
+
+#[test]
+fn maps_are_in_range_at_any_size() {
+    let device = Device::flex();
+    for (config, h, w) in [(small(8), 24, 40), (small(3), 7, 13), (small(8), 1, 1), (small(5), 33, 20)] {
+        let maps = net(&config, &device).forward(frames(2, h, w, &device), flows(1, h, w, &device), None);
+        assert_eq!(maps.normal.dims(), [1, 3, h, w]);
+        assert_eq!(maps.roughness.dims(), [1, 1, h, w]);
+        let length = values(maps.normal.clone().square().sum_dim(1));
+        assert!(length.iter().all(|l| (l - 1.0).abs() < 1e-5));
+        for map in [maps.diffuse, maps.roughness, maps.specular] {
+            assert!(values(map).iter().all(|v| (0.0..=1.0).contains(v)));
+        }
+    }
+}
+
+#[test]
+fn order_of_key_frames_does_not_matter() {
+    let device = Device::flex();
+    for fusion in [Fusion::Features, Fusion::Frames, Fusion::None] {
+        let net = net(&SvbrdfNetConfig { fusion, ..small(4) }, &device);
+        let (x, flow) = (frames(4, 16, 16, &device), flows(3, 16, 16, &device));
+        let order = |indices: [i32; 3]| {
+            let keys = Tensor::from_data(TensorData::from(indices), &device);
+            let with_guidance = Tensor::from_data(TensorData::from([0, indices[0] + 1, indices[1] + 1, indices[2] + 1]), &device);
+            all_values(net.forward(x.clone().select(0, with_guidance), flow.clone().select(0, keys), None))
+        };
+        assert_same(&order([0, 1, 2]), &order([2, 0, 1]), 1e-6);
+    }
+}
+
+#[test]
+fn a_fully_invalid_frame_changes_nothing_and_a_valid_one_does() {
+    let device = Device::flex();
+    let net = net(&small(4), &device);
+    let (x, flow) = (frames(3, 16, 16, &device), flows(2, 16, 16, &device));
+    let two = all_values(net.forward(
+        x.clone().slice([0..2, 0..3, 0..16, 0..16]),
+        flow.clone().slice([0..1, 0..2, 0..16, 0..16]),
+        None,
+    ));
+    let mask = |second: f32| {
+        let data: Vec<f32> = [1.0, second].iter().flat_map(|v| [*v; 256]).collect();
+        Some(Tensor::from_data(TensorData::new(data, [2, 1, 16, 16]), &device))
+    };
+    assert_same(&two, &all_values(net.forward(x.clone(), flow.clone(), mask(0.0))), 1e-6);
+    assert!(differ(&two, &all_values(net.forward(x.clone(), flow.clone(), mask(1.0)))));
+    let far = Tensor::cat(vec![flow.slice([0..1, 0..2, 0..16, 0..16]), Tensor::full([1, 2, 16, 16], 1e4, &device)], 0);
+    assert_same(&two, &all_values(net.forward(x, far, None)), 1e-6);
+}
+
+#[test]
+fn streamed_frames_give_the_maps_of_all_at_once() {
+    let device = Device::flex();
+    for fusion in [Fusion::Features, Fusion::Frames, Fusion::None] {
+        let net = net(&SvbrdfNetConfig { fusion, ..small(4) }, &device);
+        let (x, flow) = (frames(4, 20, 12, &device), flows(3, 20, 12, &device));
+        let at_once = all_values(net.forward(x.clone(), flow.clone(), None));
+        let mut images = Planes::from_tensor(x).into_iter();
+        let guidance = images.next().unwrap();
+        let keys = images.zip(Planes::from_tensor(flow)).map(|(frame, flow)| KeyFrame { frame, flow, valid: None });
+        let maps = net.reconstruct(&guidance, keys, &device).unwrap();
+        let streamed: Vec<f32> = [maps.normal, maps.diffuse, maps.roughness, maps.specular].into_iter().flat_map(|p| p.data).collect();
+        assert_same(&at_once, &streamed, 1e-5);
+    }
+}
+
+#[test]
+fn a_key_frame_of_another_size_is_refused() {
+    let device = Device::flex();
+    let net = net(&small(2), &device);
+    let key = KeyFrame { frame: Planes::new(3, 8, 8), flow: Planes::new(2, 8, 9), valid: None };
+    let error = net.reconstruct(&Planes::new(3, 8, 8), [key], &device).unwrap_err();
+    let FusionError::Size { what, index, found, .. } = &error;
+    assert_eq!((*what, *index, found.as_str()), ("flow", 0, "2×8×9"));
+    assert!(error.to_string().contains("resize"));
+}
+
+#[test]
+fn outputs_start_at_the_constants() {
+    let device = Device::flex();
+    let constants = ConstantMaps { diffuse: [0.3, 0.2, 0.1], roughness: 0.6, specular: [0.04, 0.05, 0.06] };
+    let net = small(4).init(&device, &mut stream(3)).unwrap().starting_at(&constants);
+    let maps = net.forward(frames(2, 16, 16, &device), flows(1, 16, 16, &device), None).to_images().remove(0);
+    let near = |plane: &[f32], v: f32| plane.iter().all(|p| (p - v).abs() < 0.02);
+    assert!((0..3).all(|c| near(maps.diffuse.plane(c), constants.diffuse[c]) && near(maps.specular.plane(c), constants.specular[c])));
+    assert!(near(&maps.roughness.data, 0.6) && near(maps.normal.plane(2), 1.0));
+}
+
+#[test]
+fn dropout_follows_its_stream_and_stays_out_of_inference() {
+    let device = Device::flex();
+    let net = net(&small(4), &device);
+    let (x, flow) = (frames(2, 16, 16, &device), flows(1, 16, 16, &device));
+    let drawn = |seed: u64| all_values(net.predict(x.clone(), flow.clone(), None, Some(&mut stream(seed))).maps);
+    let plain = all_values(net.forward(x.clone(), flow.clone(), None));
+    assert_eq!(drawn(7), drawn(7));
+    assert!(differ(&drawn(7), &drawn(8)) && differ(&drawn(7), &plain));
+}
+
+#[test]
+fn saturation_counts_flat_outputs() {
+    let device = Device::flex();
+    let tame = net(&small(3), &device).predict(frames(1, 8, 8, &device), flows(1, 8, 8, &device).slice([0..0, 0..2, 0..8, 0..8]), None, None);
+    assert!(tame.saturation() < 0.5);
+    let outputs = Tensor::cat(vec![Tensor::full([1, 3, 2, 2], -0.99, &device), Tensor::zeros([1, 6, 2, 2], &device)], 1);
+    assert!((svbrdf::net::Prediction { outputs, ..tame }.saturation() - 1.0 / 3.0).abs() < 1e-6);
+}
+
+#[test]
+fn values_out_of_range_are_refused() {
+    let wrong = |c: SvbrdfNetConfig| c.validate().unwrap_err();
+    assert_eq!(wrong(SvbrdfNetConfig { width: 0, ..small(3) }), NetConfigError::Width { found: 0 });
+    assert_eq!(wrong(small(9)), NetConfigError::Levels { found: 9 });
+    assert_eq!(wrong(SvbrdfNetConfig { dropout: 1.0, ..small(3) }), NetConfigError::Dropout { found: 1.0 });
+    assert!(toml::from_str::<SvbrdfNetConfig>("widht = 3").is_err());
+    let read: SvbrdfNetConfig = toml::from_str("width = 16\nfusion = 'frames'\n[output]\nstart = 'medians'").unwrap();
+    assert_eq!((read.width, read.levels, read.fusion), (16, 8, Fusion::Frames));
+}
+
+struct Gradients<'a> {
+    gradients: &'a burn::tensor::Gradients,
+    seen: usize,
+    silent: usize,
+}
+
+impl ModuleVisitor for Gradients<'_> {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        let gradient = param.val().grad(self.gradients).map(values).unwrap_or_default();
+        assert!(gradient.iter().all(|g| g.is_finite()));
+        self.seen += 1;
+        self.silent += usize::from(gradient.iter().all(|g| *g == 0.0));
+    }
+}
+
+#[test]
+fn gradients_are_finite_and_reach_every_parameter() {
+    let device = Device::flex().autodiff();
+    for normalisation in [Normalisation::Weight, Normalisation::Instance] {
+        let net = net(&SvbrdfNetConfig { normalisation, ..small(3) }, &device);
+        // Black pixels and invalid pixels are where powers and masks go wrong.
+        let x = frames(3, 16, 16, &device) * Tensor::from_data(TensorData::from([[[[0.0f32]]], [[[1.0]]], [[[1.0]]]]), &device);
+        let maps = net.forward(x, flows(2, 16, 16, &device), None);
+        let loss = maps.normal.slice([0..1, 0..2, 0..16, 0..16]).sum() + maps.diffuse.sum() + maps.roughness.sum() + maps.specular.sum();
+        let gradients = loss.backward();
+        let mut visitor = Gradients { gradients: &gradients, seen: 0, silent: 0 };
+        net.visit(&mut visitor);
+        // The last layer of the head has no one to pass its global vector on to.
+        assert!(visitor.seen > 30 && visitor.silent <= 2, "{} of {} without gradient", visitor.silent, visitor.seen);
+    }
+}
