@@ -1,7 +1,7 @@
 //! Constant maps: the baseline every learnt map is measured against, and where the net's outputs may start.
 
-use ops::planes::Planes;
-use render::maps::SvbrdfImage;
+use render::svbrdf::SvbrdfImage;
+use render::texel::Texel;
 use serde::{Deserialize, Serialize};
 
 /// Outputs of the net: nx, ny, diffuse ×3, roughness, specular ×3.
@@ -41,12 +41,8 @@ impl ConstantMaps {
 
     /// The constants as maps of `height × width` pixels.
     pub fn to_image(&self, height: usize, width: usize) -> SvbrdfImage {
-        SvbrdfImage {
-            normal: Planes::constant(height, width, &[0.0, 0.0, 1.0]),
-            diffuse: Planes::constant(height, width, &self.diffuse),
-            roughness: Planes::constant(height, width, &[self.roughness]),
-            specular: Planes::constant(height, width, &self.specular),
-        }
+        let Self { diffuse, roughness, specular } = *self;
+        SvbrdfImage::constant(height, width, &Texel { normal: [0.0, 0.0, 1.0], diffuse, roughness, specular })
     }
 
     /// The last layer's bias whose tanh gives these maps.

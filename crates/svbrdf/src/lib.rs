@@ -8,3 +8,4 @@ pub mod constants;
 pub mod loss;
 pub mod metrics;
 pub mod net;
+pub mod visual;

@@ -1,7 +1,10 @@
 //! What the net learns from: L = 0.1·L_s + L_r + L_t (paper Eq. 6, spec 4.2).
 
 use burn::tensor::Tensor;
-use render::maps::Svbrdf;
+use render::brdf::BrdfModel;
+use render::fused::rendering_losses;
+use render::svbrdf::Svbrdf;
+use render::views::LossViews;
 use serde::{Deserialize, Serialize};
 
 /// Added to albedos under the logarithm (spec 4.2).
@@ -70,6 +73,12 @@ pub struct SvbrdfLoss {
 }
 
 impl LossConfig {
+    /// The loss of maps against their target, rendered from `views`.
+    pub fn evaluate(&self, predicted: &Svbrdf, target: &Svbrdf, views: &LossViews, model: BrdfModel) -> SvbrdfLoss {
+        let renderings = rendering_losses(predicted, target, views, model);
+        self.combine(predicted, target, renderings.rendering, renderings.top)
+    }
+
     /// Joins the map terms with the renderings' errors.
     ///
     /// `rendering` and `top` are L_r and L_t, one element each.

@@ -2,11 +2,16 @@
 
 use burn::tensor::{Device, Tensor};
 use ops::planes::{Mask, Planes, values};
-use render::maps::{Svbrdf, SvbrdfImage};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use render::brdf::BrdfModel;
+use render::svbrdf::{Svbrdf, SvbrdfImage};
+use render::views::{EvaluationViews, LossViews};
 use serde::Deserialize;
 use svbrdf::constants::ConstantMaps;
 use svbrdf::loss::{LossConfig, LossKind};
-use svbrdf::metrics::{MapErrors, ssim, ssim::dssim};
+use svbrdf::metrics::{MapErrors, RenderErrors, ssim, ssim::dssim};
+use svbrdf::visual::preview;
 
 #[derive(Deserialize)]
 struct SsimCase {
@@ -127,4 +132,41 @@ fn the_loss_has_its_hand_values() {
     let single = LossConfig { kind: LossKind::SingleMean, ..LossConfig::default() };
     near(single.combine(&predicted, &target, one(0.3), one(0.4)).values().total, 0.1 * loss.maps + (9.0 * 0.3 + 6.0 * 0.4) / 15.0);
     assert_eq!(values(single.combine(&target, &target, one(0.0), one(0.0)).total), [0.0]);
+}
+
+#[test]
+fn equal_maps_render_equal_and_other_maps_differ() {
+    let views = EvaluationViews::standard();
+    let reference = constant(16, 16, 0.5);
+    let same = RenderErrors::between(&reference, &reference, &views, BrdfModel::default()).unwrap();
+    assert_eq!((same.l1, same.dssim.map(|d| d.abs() < 1e-9)), (0.0, Some(true)));
+    let other = RenderErrors::between(&constant(16, 16, 0.6), &reference, &views, BrdfModel::default()).unwrap();
+    assert!(other.l1 > 0.02 && other.l1 < 0.1 && other.dssim.unwrap() > 1e-4);
+    let mean = RenderErrors::mean(&[same, other]).unwrap();
+    assert!((mean.l1 - 0.5 * other.l1).abs() < 1e-12 && RenderErrors::mean(&[]).is_none());
+    assert!(RenderErrors::between(&constant(8, 8, 0.5), &reference, &views, BrdfModel::default()).is_none());
+    assert!(RenderErrors::between(&constant(8, 8, 0.5), &constant(8, 8, 0.2), &views, BrdfModel::default()).unwrap().dssim.is_none());
+}
+
+#[test]
+fn a_preview_shows_one_row_per_set_of_maps() {
+    let (a, b) = (constant(4, 5, 0.25), constant(4, 5, 0.5));
+    let sheet = preview(&[&a, &b], BrdfModel::default());
+    assert_eq!((sheet.channels, sheet.height, sheet.width), (3, 2 * 4, 6 * 5));
+    assert_eq!((sheet.at(0, 0, 0), sheet.at(2, 0, 0)), (0.5, 1.0));
+    assert!((sheet.at(0, 0, 5) - 0.25f32.powf(1.0 / 2.2)).abs() < 1e-4);
+    assert_eq!((sheet.at(0, 0, 10), sheet.at(0, 4, 10)), (0.25, 0.5));
+    // The renderings of the brighter, rougher row differ from the first row's.
+    assert!((sheet.at(1, 2, 22) - sheet.at(1, 6, 22)).abs() > 0.01);
+}
+
+#[test]
+fn a_prediction_equal_to_its_target_has_no_loss() {
+    let device = Device::flex();
+    let target = constant(6, 6, 0.4).to_tensor(&device);
+    let views = LossViews::draw(&mut ChaCha8Rng::seed_from_u64(4));
+    let loss = LossConfig::default().evaluate(&target, &target, &views, BrdfModel::default()).values();
+    assert!(loss.total.abs() < 1e-5);
+    let other = LossConfig::default().evaluate(&constant(6, 6, 0.6).to_tensor(&device), &target, &views, BrdfModel::default()).values();
+    assert!(other.rendering > 0.05 && other.top > 0.05 && (other.total - 0.1 * other.maps - other.rendering - other.top).abs() < 1e-5);
 }

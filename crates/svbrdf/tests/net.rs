@@ -5,7 +5,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use ops::planes::{Planes, values};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use render::maps::Svbrdf;
+use render::svbrdf::Svbrdf;
 use svbrdf::constants::ConstantMaps;
 use svbrdf::net::{Fusion, FusionError, KeyFrame, NetConfigError, Normalisation, SvbrdfNet, SvbrdfNetConfig};
 

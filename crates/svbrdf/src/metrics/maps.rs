@@ -1,7 +1,7 @@
 //! Errors of the maps themselves.
 
 use ops::planes::{Mask, Planes};
-use render::maps::SvbrdfImage;
+use render::svbrdf::SvbrdfImage;
 use serde::{Deserialize, Serialize};
 
 /// Mean errors over valid pixels and channels.

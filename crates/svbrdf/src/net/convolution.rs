@@ -6,7 +6,7 @@ use ops::conv::{Conv3x3, conv3x3};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
-use super::Normalisation;
+use super::{Normalisation, SvbrdfNetConfig};
 
 /// Standard deviation of the initial filters (spec 4.1).
 const INITIAL_STD: f32 = 0.02;
@@ -41,6 +41,8 @@ pub struct Convolution {
     weight: Param<Tensor<4>>,
     /// Present for [`Normalisation::Instance`].
     affine: Option<Affine>,
+    /// Norm of every filter under weight normalisation.
+    gain: f32,
 }
 
 /// What a convolution hands on.
@@ -53,14 +55,14 @@ pub struct Response {
 
 impl Convolution {
     /// Draws a convolution from `inputs` to `outputs` channels.
-    pub fn init(inputs: usize, outputs: usize, normalisation: Normalisation, device: &Device, rng: &mut ChaCha8Rng) -> Self {
-        let affine = match normalisation {
+    pub(super) fn init(inputs: usize, outputs: usize, config: &SvbrdfNetConfig, device: &Device, rng: &mut ChaCha8Rng) -> Self {
+        let affine = match config.normalisation {
             Normalisation::Weight => None,
             Normalisation::Instance => {
                 Some(Affine { scale: filled([outputs], 1.0, device), offset: filled([outputs], 0.0, device) })
             }
         };
-        Self { weight: gaussian([outputs, inputs, 3, 3], INITIAL_STD, device, rng), affine }
+        Self { weight: gaussian([outputs, inputs, 3, 3], INITIAL_STD, device, rng), affine, gain: config.filter_gain }
     }
 
     /// The filters that convolve: each of unit norm under weight normalisation.
@@ -75,7 +77,7 @@ impl Convolution {
         let [out, inputs, _, _] = weight.dims();
         let rows = weight.reshape([out, inputs * 9]);
         let norm = rows.clone().square().sum_dim(1).add_scalar(NORM_EPSILON).sqrt();
-        (rows / norm).reshape([out, inputs, 3, 3])
+        (rows / norm * self.gain).reshape([out, inputs, 3, 3])
     }
 
     /// Convolves and normalises.

@@ -47,8 +47,8 @@ impl Decoder {
                 let from = if i == 0 { encoder[levels - 1] } else { decoder[i - 1] + encoder[levels - 1 - i] };
                 let width = decoder[i];
                 DecoderBlock {
-                    enlarged: Convolution::init(from, width, config.normalisation, device, rng),
-                    refined: Convolution::init(width, width, config.normalisation, device, rng),
+                    enlarged: Convolution::init(from, width, config, device, rng),
+                    refined: Convolution::init(width, width, config, device, rng),
                     global: GlobalTrack::init(width, config.global_width(), false, device, rng),
                 }
             })

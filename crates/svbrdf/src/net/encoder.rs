@@ -39,7 +39,7 @@ impl Encoder {
             .map(|i| {
                 let from = if i == 0 { inputs } else { widths[i - 1] };
                 EncoderLevel {
-                    convolution: Convolution::init(from, widths[i], config.normalisation, device, rng),
+                    convolution: Convolution::init(from, widths[i], config, device, rng),
                     global: GlobalTrack::init(widths[i], config.global_width(), i == 0, device, rng),
                 }
             })

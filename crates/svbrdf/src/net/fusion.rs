@@ -3,7 +3,7 @@
 use burn::tensor::{Device, Int, Tensor};
 use ops::planes::{Mask, Planes};
 use ops::warp::{warp, warp_max};
-use render::maps::SvbrdfImage;
+use render::svbrdf::SvbrdfImage;
 
 use super::{Features, Fusion, SvbrdfNet};
 

@@ -5,7 +5,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use ops::activation::bias_leaky_relu;
 use ops::conv::{Conv3x3, Padding, conv3x3};
 use rand_chacha::ChaCha8Rng;
-use render::maps::Svbrdf;
+use render::svbrdf::Svbrdf;
 
 use super::convolution::{Convolution, gaussian};
 use super::global_track::GlobalTrack;
@@ -57,7 +57,7 @@ impl Head {
             .map(|i| {
                 let from = if i == 0 { config.width } else { widths[i - 1] };
                 HeadLayer {
-                    convolution: Convolution::init(from, widths[i], config.normalisation, device, rng),
+                    convolution: Convolution::init(from, widths[i], config, device, rng),
                     global: GlobalTrack::init(widths[i], config.global_width(), false, device, rng),
                 }
             })

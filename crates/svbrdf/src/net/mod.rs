@@ -10,7 +10,7 @@ pub mod head;
 use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor};
 use rand_chacha::ChaCha8Rng;
-use render::maps::Svbrdf;
+use render::svbrdf::Svbrdf;
 use serde::{Deserialize, Serialize};
 
 pub use decoder::Features;
@@ -101,6 +101,9 @@ pub struct SvbrdfNetConfig {
     pub levels: usize,
     /// What keeps activations in check.
     pub normalisation: Normalisation,
+    /// Norm of every filter under weight normalisation: 1 in the paper; √2 keeps activations from fading through the leaky
+    /// ReLUs, which helps small budgets.
+    pub filter_gain: f32,
     /// How frames come together.
     pub fusion: Fusion,
     /// What reduces the frames to one.
@@ -117,6 +120,7 @@ impl Default for SvbrdfNetConfig {
             width: PAPER_WIDTH,
             levels: ENCODER.len(),
             normalisation: Normalisation::Weight,
+            filter_gain: 1.0,
             fusion: Fusion::Features,
             pooling: Pooling::Max,
             dropout: 0.5,
