@@ -9,3 +9,4 @@ pub mod loss;
 pub mod metrics;
 pub mod net;
 pub mod visual;
+pub mod weights;

@@ -2,7 +2,6 @@
 
 use burn::tensor::Tensor;
 use render::brdf::BrdfModel;
-use render::fused::rendering_losses;
 use render::svbrdf::Svbrdf;
 use render::views::LossViews;
 use serde::{Deserialize, Serialize};
@@ -75,7 +74,12 @@ pub struct SvbrdfLoss {
 impl LossConfig {
     /// The loss of maps against their target, rendered from `views`.
     pub fn evaluate(&self, predicted: &Svbrdf, target: &Svbrdf, views: &LossViews, model: BrdfModel) -> SvbrdfLoss {
-        let renderings = rendering_losses(predicted, target, views, model);
+        // The fused route runs on the CPU; other devices keep their maps where they are.
+        let renderings = if ops::kernel::available(&predicted.roughness) {
+            render::fused::rendering_losses(predicted, target, views, model)
+        } else {
+            render::loss::rendering_losses(predicted, target, views, model)
+        };
         self.combine(predicted, target, renderings.rendering, renderings.top)
     }
 
@@ -91,9 +95,7 @@ impl LossConfig {
         let LossWeights { maps: w_maps, rendering: w_rendering, top: w_top } = self.weights;
         let renderings = match self.kind {
             LossKind::Paper => rendering.clone() * w_rendering + top.clone() * w_top,
-            LossKind::SingleMean => {
-                (rendering.clone() * RENDERING_SHARE + top.clone() * (1.0 - RENDERING_SHARE)) * w_rendering
-            }
+            LossKind::SingleMean => (rendering.clone() * RENDERING_SHARE + top.clone() * (1.0 - RENDERING_SHARE)) * w_rendering,
         };
         let total = maps.clone() * w_maps + renderings;
         SvbrdfLoss { normal, diffuse, roughness, specular, maps, rendering, top, total }

@@ -130,7 +130,10 @@ fn the_loss_has_its_hand_values() {
     near(loss.maps, 0.8 / 3.0 + 2.0 * ln2 + 0.5);
     near(loss.total, 0.1 * loss.maps + 0.7);
     let single = LossConfig { kind: LossKind::SingleMean, ..LossConfig::default() };
-    near(single.combine(&predicted, &target, one(0.3), one(0.4)).values().total, 0.1 * loss.maps + (9.0 * 0.3 + 6.0 * 0.4) / 15.0);
+    near(
+        single.combine(&predicted, &target, one(0.3), one(0.4)).values().total,
+        0.1 * loss.maps + (9.0 * 0.3 + 6.0 * 0.4) / 15.0,
+    );
     assert_eq!(values(single.combine(&target, &target, one(0.0), one(0.0)).total), [0.0]);
 }
 
@@ -145,7 +148,12 @@ fn equal_maps_render_equal_and_other_maps_differ() {
     let mean = RenderErrors::mean(&[same, other]).unwrap();
     assert!((mean.l1 - 0.5 * other.l1).abs() < 1e-12 && RenderErrors::mean(&[]).is_none());
     assert!(RenderErrors::between(&constant(8, 8, 0.5), &reference, &views, BrdfModel::default()).is_none());
-    assert!(RenderErrors::between(&constant(8, 8, 0.5), &constant(8, 8, 0.2), &views, BrdfModel::default()).unwrap().dssim.is_none());
+    assert!(
+        RenderErrors::between(&constant(8, 8, 0.5), &constant(8, 8, 0.2), &views, BrdfModel::default())
+            .unwrap()
+            .dssim
+            .is_none()
+    );
 }
 
 #[test]
@@ -167,6 +175,11 @@ fn a_prediction_equal_to_its_target_has_no_loss() {
     let views = LossViews::draw(&mut ChaCha8Rng::seed_from_u64(4));
     let loss = LossConfig::default().evaluate(&target, &target, &views, BrdfModel::default()).values();
     assert!(loss.total.abs() < 1e-5);
-    let other = LossConfig::default().evaluate(&constant(6, 6, 0.6).to_tensor(&device), &target, &views, BrdfModel::default()).values();
-    assert!(other.rendering > 0.05 && other.top > 0.05 && (other.total - 0.1 * other.maps - other.rendering - other.top).abs() < 1e-5);
+    let other =
+        LossConfig::default().evaluate(&constant(6, 6, 0.6).to_tensor(&device), &target, &views, BrdfModel::default()).values();
+    assert!(
+        other.rendering > 0.05
+            && other.top > 0.05
+            && (other.total - 0.1 * other.maps - other.rendering - other.top).abs() < 1e-5
+    );
 }

@@ -8,6 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use render::svbrdf::Svbrdf;
 use svbrdf::constants::ConstantMaps;
 use svbrdf::net::{Fusion, FusionError, KeyFrame, NetConfigError, Normalisation, SvbrdfNet, SvbrdfNetConfig};
+use svbrdf::weights::{self, Precision};
 
 fn stream(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
@@ -99,7 +100,8 @@ fn order_of_key_frames_does_not_matter() {
         let (x, flow) = (frames(4, 16, 16, &device), flows(3, 16, 16, &device));
         let order = |indices: [i32; 3]| {
             let keys = Tensor::from_data(TensorData::from(indices), &device);
-            let with_guidance = Tensor::from_data(TensorData::from([0, indices[0] + 1, indices[1] + 1, indices[2] + 1]), &device);
+            let with_guidance =
+                Tensor::from_data(TensorData::from([0, indices[0] + 1, indices[1] + 1, indices[2] + 1]), &device);
             all_values(net.forward(x.clone().select(0, with_guidance), flow.clone().select(0, keys), None))
         };
         assert_same(&order([0, 1, 2]), &order([2, 0, 1]), 1e-6);
@@ -137,7 +139,8 @@ fn streamed_frames_give_the_maps_of_all_at_once() {
         let guidance = images.next().unwrap();
         let keys = images.zip(Planes::from_tensor(flow)).map(|(frame, flow)| KeyFrame { frame, flow, valid: None });
         let maps = net.reconstruct(&guidance, keys, &device).unwrap();
-        let streamed: Vec<f32> = [maps.normal, maps.diffuse, maps.roughness, maps.specular].into_iter().flat_map(|p| p.data).collect();
+        let streamed: Vec<f32> =
+            [maps.normal, maps.diffuse, maps.roughness, maps.specular].into_iter().flat_map(|p| p.data).collect();
         assert_same(&at_once, &streamed, 1e-5);
     }
 }
@@ -160,7 +163,10 @@ fn outputs_start_at_the_constants() {
     let net = small(4).init(&device, &mut stream(3)).unwrap().starting_at(&constants);
     let maps = net.forward(frames(2, 16, 16, &device), flows(1, 16, 16, &device), None).to_images().remove(0);
     let near = |plane: &[f32], v: f32| plane.iter().all(|p| (p - v).abs() < 0.02);
-    assert!((0..3).all(|c| near(maps.diffuse.plane(c), constants.diffuse[c]) && near(maps.specular.plane(c), constants.specular[c])));
+    assert!(
+        (0..3)
+            .all(|c| near(maps.diffuse.plane(c), constants.diffuse[c]) && near(maps.specular.plane(c), constants.specular[c]))
+    );
     assert!(near(&maps.roughness.data, 0.6) && near(maps.normal.plane(2), 1.0));
 }
 
@@ -178,10 +184,28 @@ fn dropout_follows_its_stream_and_stays_out_of_inference() {
 #[test]
 fn saturation_counts_flat_outputs() {
     let device = Device::flex();
-    let tame = net(&small(3), &device).predict(frames(1, 8, 8, &device), flows(1, 8, 8, &device).slice([0..0, 0..2, 0..8, 0..8]), None, None);
+    let tame = net(&small(3), &device).predict(
+        frames(1, 8, 8, &device),
+        flows(1, 8, 8, &device).slice([0..0, 0..2, 0..8, 0..8]),
+        None,
+        None,
+    );
     assert!(tame.saturation() < 0.5);
     let outputs = Tensor::cat(vec![Tensor::full([1, 3, 2, 2], -0.99, &device), Tensor::zeros([1, 6, 2, 2], &device)], 1);
     assert!((svbrdf::net::Prediction { outputs, ..tame }.saturation() - 1.0 / 3.0).abs() < 1e-6);
+}
+
+#[test]
+fn a_saved_net_comes_back_whole() {
+    let device = Device::flex();
+    let net = net(&SvbrdfNetConfig { fusion: Fusion::Frames, ..small(3) }, &device);
+    let folder = tempfile::tempdir().unwrap();
+    let metrics = [("maps_l1_ratio".to_owned(), 0.8)].into();
+    weights::save(folder.path(), &net, "a test".into(), metrics, Precision::F32).unwrap();
+    let (read, record) = weights::load(folder.path(), &device).unwrap();
+    assert_eq!((read.config(), record.metrics["maps_l1_ratio"]), (net.config(), 0.8));
+    let maps = |net: &SvbrdfNet| all_values(net.forward(frames(2, 8, 8, &device), flows(1, 8, 8, &device), None));
+    assert_eq!(maps(&read), maps(&net));
 }
 
 #[test]
@@ -218,7 +242,10 @@ fn gradients_are_finite_and_reach_every_parameter() {
         // Black pixels and invalid pixels are where powers and masks go wrong.
         let x = frames(3, 16, 16, &device) * Tensor::from_data(TensorData::from([[[[0.0f32]]], [[[1.0]]], [[[1.0]]]]), &device);
         let maps = net.forward(x, flows(2, 16, 16, &device), None);
-        let loss = maps.normal.slice([0..1, 0..2, 0..16, 0..16]).sum() + maps.diffuse.sum() + maps.roughness.sum() + maps.specular.sum();
+        let loss = maps.normal.slice([0..1, 0..2, 0..16, 0..16]).sum()
+            + maps.diffuse.sum()
+            + maps.roughness.sum()
+            + maps.specular.sum();
         let gradients = loss.backward();
         let mut visitor = Gradients { gradients: &gradients, seen: 0, silent: 0 };
         net.visit(&mut visitor);

@@ -20,7 +20,12 @@ pub struct RenderErrors {
 
 impl RenderErrors {
     /// Renders both maps from every view and compares; `None` when the sizes differ or there is no view.
-    pub fn between(predicted: &SvbrdfImage, reference: &SvbrdfImage, views: &EvaluationViews, model: BrdfModel) -> Option<Self> {
+    pub fn between(
+        predicted: &SvbrdfImage,
+        reference: &SvbrdfImage,
+        views: &EvaluationViews,
+        model: BrdfModel,
+    ) -> Option<Self> {
         let size = |i: &SvbrdfImage| (i.height(), i.width());
         if size(predicted) != size(reference) || views.views.is_empty() {
             return None;

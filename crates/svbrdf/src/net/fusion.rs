@@ -47,7 +47,7 @@ impl SvbrdfNet {
         if k == 0 {
             return guidance;
         }
-        match self.fusion {
+        match self.config().fusion {
             Fusion::Features => {
                 let seen = seen_frames(flow.clone());
                 Features {
@@ -59,10 +59,9 @@ impl SvbrdfNet {
                 let seen = seen_frames(flow);
                 Features { maps: maximum(guidance.maps, key.maps), global: maximum_of_seen(guidance.global, key.global, seen) }
             }
-            Fusion::None => Features {
-                maps: maximum(guidance.maps, key.maps),
-                global: guidance.global.max_pair(key.global.max_dim(0)),
-            },
+            Fusion::None => {
+                Features { maps: maximum(guidance.maps, key.maps), global: guidance.global.max_pair(key.global.max_dim(0)) }
+            }
         }
     }
 

@@ -189,7 +189,7 @@ impl SvbrdfNetConfig {
             encoder: Encoder::init(self, self.input_channels(), device, rng),
             decoder: Decoder::init(self, device, rng),
             head: Head::init(self, device, rng),
-            fusion: self.fusion,
+            config: self.clone(),
         })
     }
 
@@ -226,10 +226,15 @@ pub struct SvbrdfNet {
     decoder: Decoder,
     head: Head,
     #[module(skip)]
-    fusion: Fusion,
+    config: SvbrdfNetConfig,
 }
 
 impl SvbrdfNet {
+    /// The shape it was built from.
+    pub fn config(&self) -> &SvbrdfNetConfig {
+        &self.config
+    }
+
     /// Maps of the guidance frame's pixels.
     ///
     /// # Shapes
@@ -272,7 +277,7 @@ impl SvbrdfNet {
         let [n, _, h, w] = frames.dims();
         let device = frames.device();
         let linear = frames.powf_scalar(ops::colour::GAMMA) * 2.0 - 1.0;
-        let seen = match self.fusion {
+        let seen = match self.config.fusion {
             Fusion::Features | Fusion::None => linear,
             Fusion::Frames => fusion::warped_frames(linear, flow),
         };
