@@ -2,5 +2,6 @@
 //!
 //! The conventions of flow and image coordinates are those of [`ops`].
 
+pub mod align;
 pub mod pwc;
 pub mod target;

@@ -1,0 +1,212 @@
+//! Guesses of the motion between two frames, and the choice between them: a failed step is replaced, not inherited.
+
+use ops::homography::Homography;
+use serde::Serialize;
+
+use super::config::PhotometricConfig;
+use super::contrast::ContrastPyramid;
+use super::photometric::{Consistency, Refined, consistency, refine};
+use super::size::{Size, overlap};
+
+/// Pyramid level on which guesses are compared before refinement, and the level on which refinement starts.
+const COMPARE_LEVEL: usize = 1;
+const START_LEVEL: usize = 2;
+/// How many guesses are refined.
+const REFINED: usize = 4;
+/// Guesses closer than this, in pixels, are one guess.
+const SAME_PX: f64 = 1.0;
+/// A step needs at least this share of common pixels.
+pub const SMALLEST_OVERLAP: f64 = 0.15;
+/// A reliable step correlates at least this much …
+const RELIABLE_ZNCC: f64 = 0.12;
+/// … this many standard errors above chance: the best of many guesses, each refined, is well above it by luck …
+const RELIABLE_SIGNIFICANCE: f64 = 6.0;
+/// … and this much better than when displaced: the camera-fixed light correlates at any small displacement.
+const RELIABLE_MARGIN: f64 = 0.06;
+/// Displacement of the counter-trials, in pixels of the comparing level.
+const DISPLACED_PX: f64 = 5.0;
+
+/// Where a guess comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Origin {
+    /// The robust homography of a net's flow.
+    Net,
+    /// A peak of the phase correlation.
+    PhaseCorrelation,
+    /// The motion of the steps before and after.
+    Velocity,
+    /// No motion.
+    Identity,
+    /// The product of the steps in between.
+    Chain,
+}
+
+/// A guess of the homography between two frames.
+#[derive(Clone, Copy, Debug)]
+pub struct Candidate {
+    /// Where it comes from.
+    pub origin: Origin,
+    /// Target pixel to source pixel at the pyramids' finest level.
+    pub homography: Homography,
+}
+
+/// The chosen homography between two frames.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    /// Which guess won.
+    pub origin: Origin,
+    /// Target pixel to source pixel at the pyramids' finest level.
+    pub homography: Homography,
+    /// How alike the frames are under it.
+    pub consistency: Consistency,
+    /// By how much the correlation exceeds that of displaced homographies.
+    pub margin: f64,
+    /// Expected error over the whole target, in pixels of the finest level.
+    pub expected_px: f64,
+}
+
+impl Step {
+    /// Whether the images support this step beyond what a wrong one could reach.
+    pub fn reliable(&self) -> bool {
+        self.consistency.zncc >= RELIABLE_ZNCC
+            && self.consistency.significance() >= RELIABLE_SIGNIFICANCE
+            && self.margin >= RELIABLE_MARGIN
+            && self.consistency.overlap >= SMALLEST_OVERLAP
+            && self.expected_px.is_finite()
+    }
+}
+
+/// Scores the guesses, refines the best few on the pixels and returns the most consistent one; `None` when no guess leaves
+/// enough in common.
+pub fn choose(
+    target: &ContrastPyramid,
+    source: &ContrastPyramid,
+    candidates: &[Candidate],
+    config: &PhotometricConfig,
+) -> Option<Step> {
+    let start = START_LEVEL.min(target.levels.len() - 1);
+    let mut scored: Vec<(f64, Candidate)> = distinct(candidates, target.size())
+        .into_iter()
+        .filter(|c| overlap(&c.homography, target.size(), source.size()) >= SMALLEST_OVERLAP)
+        .map(|c| (consistency(target, source, &c.homography, start).score(), c))
+        .collect();
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    scored.truncate(REFINED);
+    if !config.enabled {
+        return scored.first().map(|(_, c)| unrefined(target, source, c));
+    }
+    let end = COMPARE_LEVEL.min(start);
+    let coarse = scored.iter().filter_map(|(_, c)| Some((c, refine(target, source, &c.homography, (start, end), config)?)));
+    let best = coarse.max_by(|a, b| a.1.consistency.score().total_cmp(&b.1.consistency.score()));
+    let Some((candidate, coarse)) = best else {
+        return scored.first().map(|(_, c)| unrefined(target, source, c));
+    };
+    let refined = refine(target, source, &coarse.homography, (end, 0), config).unwrap_or(coarse);
+    Some(step_of(target, source, candidate.origin, &refined))
+}
+
+/// A step from a refined homography, with the counter-trials made.
+pub fn step_of(target: &ContrastPyramid, source: &ContrastPyramid, origin: Origin, refined: &Refined) -> Step {
+    let consistency = consistency(target, source, &refined.homography, 0);
+    Step {
+        origin,
+        homography: refined.homography,
+        consistency,
+        margin: margin(target, source, &refined.homography),
+        expected_px: refined.expected_px,
+    }
+}
+
+fn unrefined(target: &ContrastPyramid, source: &ContrastPyramid, candidate: &Candidate) -> Step {
+    // Without a refinement nothing is known about the error but that a guess is some pixels coarse.
+    const COARSE_PX: f64 = 3.0;
+    Step {
+        origin: candidate.origin,
+        homography: candidate.homography,
+        consistency: consistency(target, source, &candidate.homography, 0),
+        margin: margin(target, source, &candidate.homography),
+        expected_px: COARSE_PX,
+    }
+}
+
+/// Correlation minus the best one of eight displaced homographies.
+fn margin(target: &ContrastPyramid, source: &ContrastPyramid, homography: &Homography) -> f64 {
+    let level = COMPARE_LEVEL.min(target.levels.len() - 1);
+    let here = consistency(target, source, homography, level).zncc;
+    let distance = DISPLACED_PX * target.size().width as f64 / target.levels[level].width as f64;
+    let displaced = (0..8).map(|i| {
+        let (sin, cos) = (f64::from(i) * std::f64::consts::FRAC_PI_4).sin_cos();
+        let moved = Homography::translation(distance * cos, distance * sin).after(homography);
+        consistency(target, source, &moved, level).zncc
+    });
+    here - displaced.fold(f64::NEG_INFINITY, f64::max)
+}
+
+/// The candidates without near duplicates; the first of two similar ones stays.
+fn distinct(candidates: &[Candidate], size: Size) -> Vec<Candidate> {
+    let mut kept: Vec<Candidate> = Vec::new();
+    for candidate in candidates {
+        let near = |k: &Candidate| largest_shift(&k.homography, &candidate.homography, size) < SAME_PX;
+        if !kept.iter().any(near) {
+            kept.push(*candidate);
+        }
+    }
+    kept
+}
+
+/// The largest distance, in source pixels, between where two homographies send a coarse grid of target positions; infinite
+/// where one of them has no image.
+pub fn largest_shift(a: &Homography, b: &Homography, size: Size) -> f64 {
+    let distance = |(x, y)| match (a.apply(x, y), b.apply(x, y)) {
+        (Some(p), Some(q)) => (p.0 - q.0).hypot(p.1 - q.1),
+        _ => f64::INFINITY,
+    };
+    size.grid(4).map(distance).fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::align::scene::{Scene, between, view};
+
+    const SIZE: Size = Size { height: 128, width: 128 };
+
+    fn pyramids(scene: &Scene, a: &Homography, b: &Homography) -> [ContrastPyramid; 2] {
+        [a, b].map(|v| ContrastPyramid::new(&scene.frame(v, SIZE), &PhotometricConfig::default()))
+    }
+
+    fn candidate(origin: Origin, homography: Homography) -> Candidate {
+        Candidate { origin, homography }
+    }
+
+    #[test]
+    fn the_right_guess_wins_whatever_the_order() {
+        let scene = Scene { highlight: 0.4, noise: 0.02, ..Scene::new(1) };
+        let (a, b) = (view(SIZE, 0.0, 0.0, 0.0, 1.0, 0.0), view(SIZE, 17.0, -9.0, 0.02, 1.0, 0.0));
+        let [target, source] = pyramids(&scene, &a, &b);
+        let truth = between(&a, &b);
+        let mut guesses = vec![
+            candidate(Origin::Identity, Homography::identity()),
+            candidate(Origin::Net, Homography::translation(12.0, 30.0)),
+            candidate(Origin::PhaseCorrelation, Homography::translation(-17.0, 9.0)),
+            candidate(Origin::Velocity, Homography::translation(400.0, 0.0)),
+        ];
+        for _ in 0..guesses.len() {
+            guesses.rotate_left(1);
+            let step = choose(&target, &source, &guesses, &PhotometricConfig::default()).unwrap();
+            assert!(step.reliable() && largest_shift(&step.homography, &truth, SIZE) < 0.4);
+        }
+    }
+
+    #[test]
+    fn a_light_that_stands_still_over_nothing_is_not_reliable() {
+        let scene = Scene { contrast: 0.0, highlight: 0.3, noise: 0.02, ..Scene::new(1) };
+        let (a, b) = (view(SIZE, 0.0, 0.0, 0.0, 1.0, 0.0), view(SIZE, 17.0, -9.0, 0.02, 1.0, 0.0));
+        let [target, source] = pyramids(&scene, &a, &b);
+        let guesses = [candidate(Origin::Identity, Homography::identity())];
+        let step = choose(&target, &source, &guesses, &PhotometricConfig::default());
+        assert!(step.is_none_or(|s| !s.reliable()), "{step:?}");
+        assert!(choose(&target, &source, &[], &PhotometricConfig::default()).is_none());
+    }
+}

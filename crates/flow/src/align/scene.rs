@@ -1,0 +1,90 @@
+//! Test scene: a smooth random texture seen under known homographies, lit by a highlight that travels with the camera.
+
+use ops::homography::Homography;
+use ops::planes::Planes;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::size::Size;
+
+/// A texture that can be sampled anywhere and doesn't repeat.
+#[derive(Clone, Copy)]
+pub(crate) struct Scene {
+    /// Seed of the texture.
+    pub seed: u64,
+    /// Contrast of the texture.
+    pub contrast: f32,
+    /// Strength of the camera-fixed highlight.
+    pub highlight: f32,
+    /// Amplitude of the noise.
+    pub noise: f32,
+}
+
+impl Scene {
+    pub fn new(seed: u64) -> Self {
+        Self { seed, contrast: 0.25, highlight: 0.0, noise: 0.0 }
+    }
+
+    /// The frame of a camera whose pixels lie at `view(pixel)` on the texture.
+    pub fn frame(&self, view: &Homography, size: Size) -> Planes {
+        let mut frame = Planes::new(3, size.height, size.width);
+        let seed = view.matrix.iter().fold(self.seed, |s, v| s.rotate_left(7) ^ v.to_bits());
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        for y in 0..size.height {
+            for x in 0..size.width {
+                let (u, v) = view.apply(x as f64, y as f64).unwrap_or_default();
+                let offset = |i: usize, n: usize| (i as f32 - 0.45 * n as f32) / (0.25 * n as f32);
+                let away = offset(x, size.width).powi(2) + offset(y, size.height).powi(2);
+                let glare = self.highlight * (-0.5 * away).exp();
+                let shared = self.texture(u as f32, v as f32, 0);
+                for c in 0..3 {
+                    let noise = self.noise * rng.random_range(-1.0..1.0f32);
+                    let texture = 0.7 * shared + 0.3 * self.texture(u as f32, v as f32, c as u64 + 1);
+                    frame.set(c, y, x, (0.4 + self.contrast * texture + glare + noise).clamp(0.0, 1.0));
+                }
+            }
+        }
+        frame
+    }
+
+    /// Three octaves of value noise in about −1 … 1.
+    fn texture(&self, u: f32, v: f32, layer: u64) -> f32 {
+        let octaves = [(5.0, 0.5), (11.0, 0.7), (24.0, 0.8)];
+        octaves
+            .iter()
+            .enumerate()
+            .map(|(i, (cell, weight))| weight * self.noise_at(u / cell, v / cell, layer * 8 + i as u64))
+            .sum()
+    }
+
+    fn noise_at(&self, u: f32, v: f32, layer: u64) -> f32 {
+        let (x, y) = (u.floor(), v.floor());
+        let smooth = |t: f32| t * t * t * (t * (6.0 * t - 15.0) + 10.0);
+        let (fx, fy) = (smooth(u - x), smooth(v - y));
+        let corner = |dx: i64, dy: i64| {
+            let mut h =
+                (x as i64 + dx) as u64 ^ ((y as i64 + dy) as u64).rotate_left(24) ^ layer.rotate_left(48) ^ (self.seed << 56);
+            // The finaliser of splitmix64.
+            h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            h = (h ^ (h >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            (h ^ (h >> 31)) as f32 / u64::MAX as f32 * 2.0 - 1.0
+        };
+        let top = corner(0, 0) + fx * (corner(1, 0) - corner(0, 0));
+        let low = corner(0, 1) + fx * (corner(1, 1) - corner(0, 1));
+        top + fy * (low - top)
+    }
+}
+
+/// A view: frame centre at (x, y) of the texture, rolled by `roll_rad`, magnified by `zoom`, with a slight tilt.
+pub(crate) fn view(size: Size, x: f64, y: f64, roll_rad: f64, zoom: f64, tilt: f64) -> Homography {
+    let (cx, cy) = (0.5 * (size.width as f64 - 1.0), 0.5 * (size.height as f64 - 1.0));
+    let (sin, cos) = roll_rad.sin_cos();
+    let centred =
+        nalgebra::Matrix3::new(zoom * cos, -zoom * sin, x, zoom * sin, zoom * cos, y, tilt / cx, -0.6 * tilt / cx, 1.0);
+    Homography::new(centred * Homography::translation(-cx, -cy).matrix)
+}
+
+/// target px → source px of two views.
+pub(crate) fn between(target: &Homography, source: &Homography) -> Homography {
+    source.inverse().expect("views are invertible").after(target)
+}

@@ -1,0 +1,259 @@
+//! Following the key frames through a scan: the links between them, found one key frame after the other.
+
+use ops::flow_field::warp_planes;
+use ops::homography::Homography;
+use ops::planes::{Mask, Planes};
+use rayon::prelude::*;
+
+use super::FlowEstimator;
+use super::candidates::{Candidate, Origin, Step, choose, largest_shift};
+use super::compose::{FlowField, chain};
+use super::config::AlignConfig;
+use super::graph::{Link, Place, adjust, shortest_paths};
+use super::phase::{Correlator, Spectrum};
+use super::planar::{PointPair, RobustFit, fit, pairs_of_flow};
+use super::scan::{Scan, masked};
+use super::sequence::Aligner;
+use super::size::{Size, overlap, resized};
+use super::steps::{NeighbourStep, from_flow, from_peaks};
+
+/// A key frame is linked directly to an image of which it shows at least this share.
+const LINK_OVERLAP: f64 = 0.3;
+/// Earlier key frames to which a key frame is linked.
+const LOOPS: usize = 3;
+/// A link may move the prediction by this many expected errors …
+const GATE_DEVIATIONS: f64 = 4.0;
+/// … and by this share of the frame's width in any case.
+const GATE_SHARE: f64 = 0.03;
+/// Key frames before a lost one among which it is looked for.
+const SEARCHED_BACK: usize = 4;
+
+/// What is known while the key frames are followed.
+pub(super) struct Tracker<'a> {
+    pub scan: &'a Scan<'a>,
+    pub aligner: &'a Aligner<'a>,
+    pub steps: &'a [NeighbourStep],
+    pub flows: Option<&'a [FlowField]>,
+}
+
+impl Tracker<'_> {
+    /// The place of every node, `None` where no link reaches it.
+    pub fn place(&self) -> Vec<Option<Place>> {
+        let nodes = self.scan.sizes.len();
+        let mut running = vec![Place { homography: Homography::identity(), error_px: 0.0 }];
+        let mut links: Vec<Link> = Vec::new();
+        let search = Search::new(self.scan);
+        // The node from which the next one is reached: one that was lost is stepped over.
+        let mut before = 0;
+        for node in 1..nodes {
+            let (place, found) = self.track(before, node, &running, &search);
+            before = if found.is_empty() { before } else { node };
+            running.push(place);
+            links.extend(found);
+        }
+        let mut places = shortest_paths(nodes, &links);
+        if self.config().loops {
+            links.extend(self.close_loops(&places, &links));
+            places = shortest_paths(nodes, &links);
+        }
+        if self.config().adjust {
+            adjust(&mut places, &links, &self.scan.sizes);
+        }
+        places
+    }
+
+    fn config(&self) -> &AlignConfig {
+        &self.aligner.config
+    }
+
+    /// Links one key frame to the one before, to the guidance image and, where both fail, to whatever it resembles; returns
+    /// its most certain place with the links.
+    fn track(&self, before: usize, node: usize, running: &[Place], search: &Search) -> (Place, Vec<Link>) {
+        let predicted = self.predict(before, node, running);
+        if !self.scan.textured(node) || !self.scan.textured(0) {
+            return (predicted.unwrap_or(running[0]), Vec::new());
+        }
+        let mut links: Vec<Link> = Vec::new();
+        links.extend(self.step_link(before, node, search));
+        if links.is_empty() && self.config().candidates.phase_correlation {
+            links.extend(search.link(self.scan, node, self.config()));
+        }
+        let place = |links: &[Link]| links.iter().map(|l| via(l, running)).chain(predicted).reduce(better);
+        let tied = links.iter().any(|l| l.target == 0);
+        let near = place(&links).filter(|p| !tied && self.scan.share(node, &p.homography) >= LINK_OVERLAP);
+        links.extend(near.and_then(|p| self.guidance_link(node, &p)));
+        let place = place(&links);
+        (place.unwrap_or(running[0]), links)
+    }
+
+    /// The steps from one node to another; `None` where the first is a guidance image that isn't a frame of the scan.
+    fn span(&self, before: usize, node: usize) -> Option<std::ops::Range<usize>> {
+        let guidance_is_frame = self.scan.keys[0] > 0;
+        match before {
+            0 if guidance_is_frame => Some(0..self.scan.keys[node - 1]),
+            0 => None,
+            _ => Some(self.scan.keys[before - 1]..self.scan.keys[node - 1]),
+        }
+    }
+
+    /// Where the steps since an earlier node lead.
+    fn predict(&self, before: usize, node: usize, running: &[Place]) -> Option<Place> {
+        let steps = &self.steps[self.span(before, node)?];
+        let before = running[before];
+        let error_px = steps.iter().map(|s| s.step.expected_px.powi(2)).sum::<f64>().sqrt();
+        Some(Place { homography: product(steps).after(&before.homography), error_px: before.error_px.hypot(error_px) })
+    }
+
+    /// The link to the node before: the most consistent of the product of the steps and the composed flow, refined; where
+    /// the two frames are too far apart for that, the product itself if all its steps are reliable.
+    fn step_link(&self, before: usize, node: usize, search: &Search) -> Option<Link> {
+        let span = self.span(before, node)?;
+        let steps = &self.steps[span.clone()];
+        let chained = product(steps);
+        let error_px = steps.iter().map(|s| s.step.expected_px.powi(2)).sum::<f64>().sqrt();
+        let mut guesses = vec![Candidate { origin: Origin::Chain, homography: chained }];
+        guesses.extend(self.composed_flow(node, span));
+        let sound = steps.iter().all(|s| s.step.reliable());
+        if !sound && self.config().candidates.phase_correlation {
+            guesses.extend(search.guesses(before, node));
+        }
+        let link = |homography, error_px| Link { target: before, source: node, homography, error_px };
+        let direct = measure(self.scan, before, node, &guesses, self.config())
+            .filter(|s| within_gate(s, &chained, error_px, self.scan.sizes[node]));
+        match direct {
+            Some(step) if !sound || step.expected_px <= error_px => Some(link(step.homography, step.expected_px)),
+            _ => sound.then(|| link(chained, error_px)),
+        }
+    }
+
+    /// The homography of the flows composed since the node before (spec 3.2, steps 2 and 3).
+    fn composed_flow(&self, node: usize, span: std::ops::Range<usize>) -> Option<Candidate> {
+        let flows = self.flows.filter(|_| self.config().candidates.net)?;
+        let guess = from_flow(&chain(&flows[span])?, self.config().seed)?;
+        let (from, to) = (self.scan.step_size, self.scan.sizes[node]);
+        Some(Candidate { homography: resized(&guess.homography, (from, to), (from, to)), ..guess })
+    }
+
+    /// The link to the guidance image near a prediction (spec 3.2, step 4), if the images support one.
+    fn guidance_link(&self, node: usize, predicted: &Place) -> Option<Link> {
+        let mut guesses = vec![Candidate { origin: Origin::Chain, homography: predicted.homography }];
+        if let Some(net) = self.aligner.distant.filter(|_| self.config().distant) {
+            guesses.extend(self.remaining_flow(net, node, &predicted.homography));
+        }
+        let step = measure(self.scan, 0, node, &guesses, self.config())?;
+        let near = within_gate(&step, &predicted.homography, predicted.error_px, self.scan.sizes[node]);
+        near.then_some(Link { target: 0, source: node, homography: step.homography, error_px: step.expected_px })
+    }
+
+    /// The `distant` net's estimate of what remains after the regularised warp, superposed and made a homography again.
+    /// Both images are masked to what they share; no rectangle is cut out of it.
+    fn remaining_flow(&self, net: &dyn FlowEstimator, node: usize, predicted: &Homography) -> Option<Candidate> {
+        let Size { height, width } = self.scan.sizes[0];
+        let (warped, shared) = warp_planes(&self.scan.images[node], &predicted.flow(height, width));
+        let remaining = net.flow(&masked(&self.scan.images[0], &shared), &warped);
+        let pairs = superposed(&remaining, &shared, predicted);
+        let homography = fit(&pairs, &RobustFit { seed: self.config().seed, ..RobustFit::default() })?.homography;
+        Some(Candidate { origin: Origin::Net, homography })
+    }
+
+    /// Links every placed node to the earlier ones that show most of the same and aren't linked yet.
+    fn close_loops(&self, places: &[Option<Place>], links: &[Link]) -> Vec<Link> {
+        let partners = (1..places.len()).flat_map(|node| partners(self.scan, node, places, links));
+        let wanted: Vec<(usize, usize)> = partners.collect();
+        let (scan, config) = (self.scan, self.config());
+        let found = wanted.into_par_iter().filter_map(|(target, source)| {
+            let (from, to) = (places[target]?, places[source]?);
+            let predicted = to.homography.after(&from.homography.inverse()?);
+            let guess = Candidate { origin: Origin::Chain, homography: predicted };
+            let step = measure(scan, target, source, &[guess], config)?;
+            let near = within_gate(&step, &predicted, from.error_px.hypot(to.error_px), scan.sizes[source]);
+            near.then_some(Link { target, source, homography: step.homography, error_px: step.expected_px })
+        });
+        found.collect()
+    }
+}
+
+/// Phase correlation between nodes, for key frames whose track was lost.
+struct Search {
+    correlator: Correlator,
+    spectra: Vec<Spectrum>,
+}
+
+impl Search {
+    fn new(scan: &Scan) -> Self {
+        let largest = |side: fn(&Size) -> usize| scan.sizes.iter().map(side).max().unwrap_or(1);
+        let correlator = Correlator::new(Size { height: largest(|s| s.height), width: largest(|s| s.width) });
+        let spectra = scan.pyramids.par_iter().map(|p| correlator.spectrum(&p.levels[0])).collect();
+        Self { correlator, spectra }
+    }
+
+    fn guesses(&self, target: usize, source: usize) -> Vec<Candidate> {
+        from_peaks(&self.correlator, &self.spectra[target], &self.spectra[source])
+    }
+
+    /// The link to the guidance image or one of the last key frames that the images support best.
+    fn link(&self, scan: &Scan, node: usize, config: &AlignConfig) -> Option<Link> {
+        let recent = (node.saturating_sub(SEARCHED_BACK).max(1)..node).rev();
+        let references: Vec<usize> = std::iter::once(0).chain(recent).filter(|&r| scan.textured(r)).collect();
+        let found = references.into_par_iter().filter_map(|reference| {
+            let mut guesses = self.guesses(reference, node);
+            if config.candidates.identity {
+                guesses.push(Candidate { origin: Origin::Identity, homography: Homography::identity() });
+            }
+            Some((reference, measure(scan, reference, node, &guesses, config)?))
+        });
+        let found: Vec<(usize, Step)> = found.collect();
+        let score = |s: &Step| s.consistency.score();
+        let (target, step) = found.into_iter().max_by(|a, b| score(&a.1).total_cmp(&score(&b.1)))?;
+        Some(Link { target, source: node, homography: step.homography, error_px: step.expected_px })
+    }
+}
+
+/// The most consistent guess between two nodes, if the images support it.
+fn measure(scan: &Scan, target: usize, source: usize, guesses: &[Candidate], config: &AlignConfig) -> Option<Step> {
+    choose(&scan.pyramids[target], &scan.pyramids[source], guesses, &config.photometric).filter(Step::reliable)
+}
+
+/// Whether a measured step is as near to its prediction as the prediction's error lets expect.
+fn within_gate(step: &Step, predicted: &Homography, error_px: f64, size: Size) -> bool {
+    largest_shift(&step.homography, predicted, size) <= (GATE_DEVIATIONS * error_px).max(GATE_SHARE * size.width as f64)
+}
+
+/// The earlier nodes that a node should be linked to.
+fn partners(scan: &Scan, node: usize, places: &[Option<Place>], links: &[Link]) -> Vec<(usize, usize)> {
+    let Some(place) = places[node] else { return Vec::new() };
+    let linked = |other: usize| links.iter().any(|l| (l.target, l.source) == (other, node));
+    let share = |other: usize| {
+        let relative = places[other].and_then(|p| Some(place.homography.after(&p.homography.inverse()?)));
+        relative.map_or(0.0, |h| overlap(&h, scan.sizes[other], scan.sizes[node]))
+    };
+    let mut others: Vec<(f64, usize)> = (0..node).filter(|&o| !linked(o)).map(|o| (share(o), o)).collect();
+    others.retain(|(s, _)| *s >= LINK_OVERLAP);
+    others.sort_by(|a, b| b.0.total_cmp(&a.0));
+    others.into_iter().take(LOOPS).map(|(_, other)| (other, node)).collect()
+}
+
+fn product(steps: &[NeighbourStep]) -> Homography {
+    steps.iter().fold(Homography::identity(), |h, s| s.step.homography.after(&h))
+}
+
+fn better(a: Place, b: Place) -> Place {
+    if b.error_px < a.error_px { b } else { a }
+}
+
+/// Where a link leads from a node that was placed before.
+fn via(link: &Link, running: &[Place]) -> Place {
+    let start = running[link.target];
+    Place { homography: link.homography.after(&start.homography), error_px: start.error_px.hypot(link.error_px) }
+}
+
+/// Target positions and where `predicted` sends them after the remaining flow, for flow that starts and ends in the mask.
+fn superposed(remaining: &Planes, shared: &Mask, predicted: &Homography) -> Vec<PointPair> {
+    let ends_shared = |p: &PointPair| {
+        let (x, y) = (p.source[0].round(), p.source[1].round());
+        let inside = x >= 0.0 && y >= 0.0 && x < shared.width as f64 && y < shared.height as f64;
+        inside && shared.at(y as usize, x as usize)
+    };
+    let through = |p: PointPair| predicted.apply(p.source[0], p.source[1]).map(|(x, y)| PointPair { source: [x, y], ..p });
+    pairs_of_flow(remaining, shared, 4).into_iter().filter(ends_shared).filter_map(through).collect()
+}
