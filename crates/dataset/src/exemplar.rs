@@ -2,13 +2,12 @@
 
 use ops::homography::Homography;
 use ops::planes::{Mask, Planes};
-use rand::seq::SliceRandom;
 use rand::{Rng, RngExt};
-use render::SvbrdfImage;
+use render::svbrdf::SvbrdfImage;
 use serde::{Deserialize, Serialize};
 
+use crate::mixing::Mixing;
 use crate::sequence::Sequence;
-use crate::stream::Stream;
 
 /// Exemplars per video: each of the first 20 frames is the guidance image of one (§4).
 pub const PER_VIDEO: u64 = 20;
@@ -67,6 +66,11 @@ pub struct ExemplarError {
 }
 
 impl ExemplarConfig {
+    /// The order of exemplars: [`Mixing::place`] gives the video and the guidance frame of each.
+    pub fn mixing(&self) -> Mixing {
+        Mixing { per_video: PER_VIDEO, videos: self.mixed_videos }
+    }
+
     /// Checks every value.
     ///
     /// # Errors
@@ -85,20 +89,6 @@ impl ExemplarConfig {
         }
         Ok(())
     }
-}
-
-/// Which guidance frame of which video exemplar `index` uses.
-///
-/// Videos are taken in windows of `mixed_videos`; the 20 exemplars of each video of a window are shuffled together by a
-/// stream named by the window, so every (video, guidance frame) comes exactly once, neighbouring exemplars show different
-/// materials, and a resume at any index needs nothing but the seed.
-pub fn place(index: u64, mixed_videos: u64, streams: &Stream) -> (u64, usize) {
-    let per_window = mixed_videos.max(1) * PER_VIDEO;
-    let (window, position) = (index / per_window, index % per_window);
-    let mut order: Vec<u64> = (0..per_window).collect();
-    order.shuffle(&mut streams.rng("exemplar order", window));
-    let drawn = order[position as usize];
-    (window * mixed_videos.max(1) + drawn / PER_VIDEO, (drawn % PER_VIDEO) as usize)
 }
 
 /// Indices of `count` key frames after the guidance frame, at a regular interval drawn from \[⌊60/K⌋, ⌊120/K⌋\] frames of a
@@ -144,18 +134,7 @@ mod tests {
     use super::*;
     use crate::sequence::SequenceConfig;
     use crate::sequence::tests::sequence;
-    use std::collections::HashSet;
-
-    #[test]
-    fn every_guidance_frame_of_every_video_comes_once_per_window() {
-        let streams = Stream::new(3);
-        let places: Vec<_> = (0..200).map(|i| place(i, 5, &streams)).collect();
-        let (first, second) = places.split_at(100);
-        assert_eq!(first.iter().collect::<HashSet<_>>().len(), 100);
-        assert!(first.iter().all(|p| p.0 < 5 && p.1 < 20) && second.iter().all(|p| (5..10).contains(&p.0)));
-        assert!(first[..10].iter().map(|p| p.0).collect::<HashSet<_>>().len() > 2, "videos are mixed");
-        assert_ne!(first.iter().map(|p| p.1).collect::<Vec<_>>(), second.iter().map(|p| p.1).collect::<Vec<_>>());
-    }
+    use crate::stream::Stream;
 
     #[test]
     fn key_frames_are_regular_and_inside_the_video() {

@@ -44,39 +44,45 @@ pub struct ChairsConfig {
     pub shape_px: f64,
     /// Multiplies the sensor noise of §4; 0 switches it off.
     pub noise_scale: f32,
+    /// How many materials are in use at a time: what a cache of materials has to hold.
+    pub pool_materials: u64,
+    /// After how many pairs the materials in use change.
+    pub pool_pairs: u64,
 }
 
 impl Default for ChairsConfig {
     fn default() -> Self {
-        Self { resolution: 256, shapes: [5, 20], background_px: 11.0, shape_px: 8.0, noise_scale: 1.0 }
+        Self {
+            resolution: 256,
+            shapes: [5, 20],
+            background_px: 11.0,
+            shape_px: 8.0,
+            noise_scale: 1.0,
+            pool_materials: 24,
+            pool_pairs: 400,
+        }
     }
 }
 
-/// Pairs that can't be made.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ChairsError {
-    /// Nothing to cover the shapes with.
-    #[error("the chairs generator got no material; give it at least one, the built-in procedural source for example")]
-    NoMaterial,
-    /// A value out of its range.
-    #[error("chairs.{key} is {found}; expected {expected}")]
-    OutOfRange {
-        /// Name of the value.
-        key: &'static str,
-        /// What it is.
-        found: String,
-        /// What it may be.
-        expected: &'static str,
-    },
+/// A value of [`ChairsConfig`] out of its range.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("chairs.{key} is {found}; expected {expected}")]
+pub struct ChairsError {
+    /// Name of the value.
+    pub key: &'static str,
+    /// What it is.
+    pub found: String,
+    /// What it may be.
+    pub expected: &'static str,
 }
 
 impl ChairsConfig {
     /// Checks every value.
     ///
     /// # Errors
-    /// [`ChairsError::OutOfRange`] for the first value out of range.
+    /// [`ChairsError`] for the first value out of range.
     pub fn validate(&self) -> Result<(), ChairsError> {
-        let fail = |key, found: String, expected| Err(ChairsError::OutOfRange { key, found, expected });
+        let fail = |key, found: String, expected| Err(ChairsError { key, found, expected });
         if !(32..=4096).contains(&self.resolution) {
             return fail("resolution", self.resolution.to_string(), "32 to 4096 pixels");
         }
@@ -91,6 +97,11 @@ impl ChairsConfig {
         if !(0.0..=100.0).contains(&self.noise_scale) {
             return fail("noise_scale", self.noise_scale.to_string(), "a factor, 0 to 100");
         }
+        for (key, value) in [("pool_materials", self.pool_materials), ("pool_pairs", self.pool_pairs)] {
+            if value == 0 {
+                return fail(key, "0".into(), "at least 1");
+            }
+        }
         Ok(())
     }
 }
@@ -98,27 +109,27 @@ impl ChairsConfig {
 /// The generator of pairs.
 #[derive(Clone, Debug)]
 pub struct Chairs {
-    materials: Arc<[Arc<Material>]>,
     config: ChairsConfig,
     streams: Stream,
 }
 
 impl Chairs {
-    /// A generator that covers its shapes with the given materials.
+    /// A generator.
     ///
     /// # Errors
-    /// [`ChairsError`] for no material or a value out of range.
-    pub fn new(materials: Vec<Arc<Material>>, config: ChairsConfig, streams: Stream) -> Result<Self, ChairsError> {
+    /// [`ChairsError`] for a value out of range.
+    pub fn new(config: ChairsConfig, streams: Stream) -> Result<Self, ChairsError> {
         config.validate()?;
-        if materials.is_empty() {
-            return Err(ChairsError::NoMaterial);
-        }
-        Ok(Self { materials: materials.into(), config, streams })
+        Ok(Self { config, streams })
     }
 
-    /// Pair `index`: a function of the seed and the index alone.
-    pub fn pair(&self, index: u64) -> FlowPair {
-        let scene = Scene::draw(&self.materials, &self.config, &mut self.streams.rng("chairs", index));
+    /// Pair `index`, covered with materials that `material` gives by number (`|n| library.material(Split::Train, n)`): a
+    /// function of the seed and the index alone, if `material` is one of its number.
+    ///
+    /// # Errors
+    /// Those of `material`.
+    pub fn pair<E>(&self, index: u64, material: impl FnMut(u64) -> Result<Arc<Material>, E>) -> Result<FlowPair, E> {
+        let scene = self.scene(index, material)?;
         let (flow, valid) = scene.flow();
         let noise = self.streams.child("chairs noise", index);
         let image = |time: usize| {
@@ -126,14 +137,23 @@ impl Chairs {
             let sigma = self.config.noise_scale * Sensor::draw(&mut rng).sigma;
             scene.image(time, &PixelNoise::new(sigma, rng.random()))
         };
-        FlowPair {
+        Ok(FlowPair {
             first: image(0),
             second: image(1),
             flow,
             valid,
             material: scene.layers[0].name().to_owned(),
             textured: scene.layers[0].textured(),
-        }
+        })
+    }
+
+    fn scene<E>(&self, index: u64, mut material: impl FnMut(u64) -> Result<Arc<Material>, E>) -> Result<Scene, E> {
+        let mut rng = self.streams.rng("chairs", index);
+        let first = index / self.config.pool_pairs * self.config.pool_materials;
+        let count = rng.random_range(self.config.shapes[0]..=self.config.shapes[1]);
+        let mut draw = |_| material(first + rng.random_range(0..self.config.pool_materials));
+        let materials = (0..=count).map(&mut draw).collect::<Result<Vec<_>, E>>()?;
+        Ok(Scene::draw(&materials, &self.config, &mut rng))
     }
 }
 
@@ -150,12 +170,11 @@ struct Scene {
 }
 
 impl Scene {
+    /// One layer per material, the first as the background.
     fn draw(materials: &[Arc<Material>], config: &ChairsConfig, rng: &mut impl Rng) -> Self {
         let side = config.resolution;
         let scene_motion = Affine::draw_motion([(side - 1) as f64 / 2.0; 2], config.background_px, 1.0, rng);
-        let count = rng.random_range(config.shapes[0]..=config.shapes[1]);
-        let layers = (0..=count).map(|k| {
-            let material = &materials[rng.random_range(0..materials.len())];
+        let layers = materials.iter().enumerate().map(|(k, material)| {
             if k == 0 {
                 Layer::background(material, side, scene_motion, rng)
             } else {
@@ -242,9 +261,19 @@ mod tests {
     use super::*;
     use crate::sequence::tests::material;
     use ops::flow_field::warp_planes;
+    use std::convert::Infallible;
 
     fn chairs(config: ChairsConfig) -> Chairs {
-        Chairs::new(vec![material()], config, Stream::new(8)).unwrap()
+        Chairs::new(config, Stream::new(8)).unwrap()
+    }
+
+    fn scene(chairs: &Chairs, index: u64) -> Scene {
+        let material = material();
+        chairs.scene::<Infallible>(index, |_| Ok(Arc::clone(&material))).unwrap()
+    }
+
+    fn pair(chairs: &Chairs, index: u64) -> FlowPair {
+        chairs.pair::<Infallible>(index, |_| Ok(material())).unwrap()
     }
 
     fn small() -> ChairsConfig {
@@ -253,7 +282,7 @@ mod tests {
 
     /// Under one light that rests, images differ by the motion alone.
     fn evenly_lit(chairs: &Chairs, index: u64) -> Scene {
-        let mut scene = Scene::draw(&chairs.materials, &chairs.config, &mut chairs.streams.rng("chairs", index));
+        let mut scene = scene(chairs, index);
         let overhead = Light::Directional { wi: [0.0, 0.0, 1.0], irradiance: [1.5; 3] };
         scene.lights = [vec![overhead], vec![overhead]];
         scene.eyes[1] = scene.eyes[0];
@@ -287,7 +316,7 @@ mod tests {
         let chairs = chairs(ChairsConfig { resolution: 256, ..ChairsConfig::default() });
         let mut lengths = vec![];
         for index in 0..60 {
-            let scene = Scene::draw(&chairs.materials, &chairs.config, &mut chairs.streams.rng("chairs", index));
+            let scene = scene(&chairs, index);
             for i in 0..64 {
                 let (x, y) = ((i % 8) as f64 * 32.0 + 16.0, (i / 8) as f64 * 32.0 + 16.0);
                 let [px, py] = scene.layers[scene.owner(0, x as f32, y as f32)].moved(x, y);
@@ -302,19 +331,37 @@ mod tests {
 
     #[test]
     fn a_pair_is_a_function_of_seed_and_index_and_most_of_it_is_valid() {
-        let pair = chairs(small()).pair(3);
-        assert_eq!(pair, chairs(small()).pair(3));
-        assert!(pair != chairs(small()).pair(4));
-        assert!(pair.valid.share() > 0.3 && pair.valid.share() < 1.0);
-        assert!(pair.first.data.iter().all(|v| (0.0..=1.0).contains(v)));
+        let drawn = pair(&chairs(small()), 3);
+        assert_eq!(drawn, pair(&chairs(small()), 3));
+        assert!(drawn != pair(&chairs(small()), 4));
+        assert!(drawn.valid.share() > 0.3 && drawn.valid.share() < 1.0);
+        assert!(drawn.first.data.iter().all(|v| (0.0..=1.0).contains(v)));
+    }
+
+    #[test]
+    fn a_pool_of_materials_serves_a_row_of_pairs_and_its_errors_surface() {
+        let chairs = chairs(ChairsConfig { pool_materials: 3, pool_pairs: 10, resolution: 32, ..small() });
+        let asked = |index| {
+            let mut numbers = std::collections::BTreeSet::new();
+            for index in index..index + 4 {
+                let scene = chairs.scene::<Infallible>(index, |n| {
+                    numbers.insert(n);
+                    Ok(material())
+                });
+                assert!((6..=21).contains(&scene.unwrap().layers.len()));
+            }
+            numbers.into_iter().collect::<Vec<_>>()
+        };
+        assert_eq!((asked(0), asked(20)), (vec![0, 1, 2], vec![6, 7, 8]));
+        assert_eq!(chairs.pair(0, |_| Err("no such material")), Err("no such material"));
     }
 
     #[test]
     fn bad_values_are_named() {
-        let refused = |config| Chairs::new(vec![material()], config, Stream::new(0)).unwrap_err().to_string();
+        let refused = |config| Chairs::new(config, Stream::new(0)).unwrap_err().to_string();
         assert!(refused(ChairsConfig { resolution: 8, ..small() }).contains("chairs.resolution is 8"));
         assert!(refused(ChairsConfig { shapes: [9, 3], ..small() }).contains("[9, 3]"));
         assert!(refused(ChairsConfig { shape_px: f64::NAN, ..small() }).contains("shape_px"));
-        assert_eq!(Chairs::new(vec![], small(), Stream::new(0)).unwrap_err(), ChairsError::NoMaterial);
+        assert!(refused(ChairsConfig { pool_pairs: 0, ..small() }).contains("pool_pairs is 0"));
     }
 }

@@ -6,6 +6,7 @@
 
 pub mod lights;
 mod noise;
+mod target;
 
 use std::sync::Arc;
 

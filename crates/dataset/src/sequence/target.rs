@@ -2,7 +2,7 @@
 
 use ops::planes::Planes;
 use rayon::prelude::*;
-use render::SvbrdfImage;
+use render::svbrdf::SvbrdfImage;
 use render::texel::Texel;
 
 use super::{Sequence, View};
