@@ -165,6 +165,30 @@ impl FlowPair {
         Err(PairError::NoOverlap { material: video.material().to_owned(), frames, needed: config.needed() })
     }
 
+    /// A square of side `side` at a random place, cut out of both images alike, so that pairs of any size can be batched.
+    /// Pixels whose point leaves the square become invalid.
+    ///
+    /// # Errors
+    /// [`PairError::Crop`] for a square larger than the images.
+    pub fn cropped(&self, side: usize, rng: &mut impl Rng) -> Result<Self, PairError> {
+        let (height, width) = (self.first.height, self.first.width);
+        if side == 0 || side > height.min(width) {
+            return Err(PairError::Crop { crop: side, resolution: height.min(width) });
+        }
+        let Window { y, x, .. } = Window { y: 0, x: 0, height, width }.draw(side, rng);
+        let flow = self.flow.crop(y, x, side, side);
+        let inside = |at: usize, step: f32| (0.0..=(side - 1) as f32).contains(&(at as f32 + step));
+        let stays = Mask::from_fn(side, side, |y, x| inside(x, flow.at(0, y, x)) && inside(y, flow.at(1, y, x)));
+        Ok(Self {
+            first: self.first.crop(y, x, side, side),
+            second: self.second.crop(y, x, side, side),
+            valid: self.valid.crop(y, x, side, side).and(&stays),
+            flow,
+            material: self.material.clone(),
+            textured: self.textured,
+        })
+    }
+
     /// Cuts windows out of two frames. The flow is that between the windows' own pixel coordinates.
     fn cut(
         video: &Sequence,
@@ -272,6 +296,7 @@ impl Change {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::path::PathConfig;
     use crate::sequence::SequenceConfig;
     use crate::sequence::lights::VideoLights;
     use crate::sequence::tests::sequence;
@@ -350,14 +375,33 @@ mod tests {
     }
 
     #[test]
+    fn a_square_of_a_pair_keeps_its_flow_and_forgets_what_leaves_it() {
+        let pair = FlowPair::adjacent(&evenly_lit(1), 20, &config(0), &mut Stream::new(2).rng("pair", 0)).unwrap();
+        let square = pair.cropped(48, &mut Stream::new(2).rng("pair", 1)).unwrap();
+        assert_eq!((square.first.height, square.flow.width, square.valid.height), (48, 48, 48));
+        let (warped, still) = residual(&square);
+        assert!(warped < 0.2 * still, "{warped} warped, {still} as it is");
+        let (_, inside) = warp_planes(&square.second, &square.flow);
+        assert!((0..48 * 48).all(|i| inside.data[i] || !square.valid.data[i]));
+        assert!(pair.cropped(129, &mut Stream::new(2).rng("pair", 1)).is_err());
+    }
+
+    #[test]
     fn small_overlaps_are_rejected() {
         let side = |shift| shifted_overlap([shift, 0], 128, 30).map(|w| (w[0].x, w[1].x, w[0].width));
         assert_eq!(side(98), Some((0, 98, 30)));
         assert_eq!(side(-98), Some((98, 0, 30)));
         assert_eq!(side(99), None);
         assert_eq!(side(i64::MIN), None);
-        let error = FlowPair::distant(&sequence(&calm(), 0), &config(128), &mut Stream::new(0).rng("pair", 0));
-        assert!(matches!(error, Err(PairError::NoOverlap { needed: 128, .. }) | Ok(_)));
+        // From frame 60 on the spiral is 4 units (20 px) and more away from its first frames: no random shift cancels that.
+        let path = PathConfig { deviation_scale: 0.0, ..PathConfig::default() };
+        let drawn = sequence(&SequenceConfig { path, ..calm() }, 0);
+        let mut path = drawn.path().clone();
+        path.cameras.splice(20..60, []);
+        path.cameras.extend_from_within(60..);
+        let video = Sequence::from_parts(drawn.surface().clone(), path, drawn.lights().clone());
+        let error = FlowPair::distant(&video, &config(128), &mut Stream::new(0).rng("pair", 0)).unwrap_err();
+        assert!(matches!(error, PairError::NoOverlap { needed: 128, .. }), "{error}");
         let error = FlowPair::adjacent(&sequence(&calm(), 0), 0, &config(129), &mut Stream::new(0).rng("pair", 0));
         assert!(error.unwrap_err().to_string().contains("pair.crop is 129"));
     }

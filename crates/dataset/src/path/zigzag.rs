@@ -19,9 +19,9 @@ pub fn zigzag(frames: usize) -> Vec<[f64; 2]> {
             x += direction;
         } else {
             y += 1;
+            // Arrived on the next row: it runs back from here.
             if y % ROW_DISTANCE == 0 {
                 direction = -direction;
-                // The turn itself is a frame at (±12, y); the row goes on from there.
             }
         }
     }

@@ -244,8 +244,8 @@ pub(crate) fn rendered(height: usize, width: usize, pixel: impl Fn(usize, usize)
     let (green, blue) = rest.split_at_mut(height * width);
     let rows = red.par_chunks_mut(width).zip(green.par_chunks_mut(width)).zip(blue.par_chunks_mut(width));
     rows.enumerate().for_each(|(y, ((red, green), blue))| {
-        for x in 0..width {
-            [red[x], green[x], blue[x]] = pixel(y, x);
+        for (x, ((red, green), blue)) in red.iter_mut().zip(green).zip(blue).enumerate() {
+            [*red, *green, *blue] = pixel(y, x);
         }
     });
     image
