@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-use crate::direction::{minus, scaled, unit};
+use crate::direction::{dot, minus, scaled, unit};
 
 /// Intensity of the loss renderings' light.
 pub const LOSS_INTENSITY: f32 = 1.5 * PI;
@@ -95,14 +95,19 @@ impl View {
             (Emission::Even { intensity }, _) => intensity / wi[2].max(LOSS_COSINE_MIN),
             (Emission::Flash { intensity, .. }, Origin::Direction(_)) => intensity,
             (Emission::Flash { intensity, exponent }, Origin::Point(position)) => {
-                let to_light = minus(position, [x, y, 0.0]);
-                let squared = to_light.iter().map(|v| v * v).sum::<f32>().max(1e-12);
-                let towards = unit(position);
-                let cosine = (wi[0] * towards[0] + wi[1] * towards[1] + wi[2] * towards[2]).max(0.0);
-                intensity * crate::approximation::power(cosine, exponent) / squared
+                flash_irradiance(intensity, exponent, position, wi, [x, y])
             }
         }
     }
+}
+
+/// A flash at `position` aimed at the plane's centre: I·max(0, w·axis)^exponent / d² at a point of the plane, given its
+/// direction to the light.
+#[inline(always)]
+pub fn flash_irradiance(intensity: f32, exponent: f32, position: [f32; 3], wi: [f32; 3], point: [f32; 2]) -> f32 {
+    let to_light = minus(position, [point[0], point[1], 0.0]);
+    let cosine = dot(wi, unit(position)).max(0.0);
+    intensity * crate::approximation::power(cosine, exponent) / dot(to_light, to_light).max(1e-12)
 }
 
 /// World (x, y) of a pixel of `height × width` maps.

@@ -1,12 +1,14 @@
 //! Sixty-four pixels of one row at a time, as arrays: loops over them hold no branch and no call, so that they vectorise.
 
+use std::f32::consts::FRAC_1_PI;
+
 use super::lobe::{self, LobeInput};
 use crate::approximation::ln;
 use crate::brdf::{ROUGHNESS_MIN, fresnel};
 use crate::direction::{cross, dot, half, unit};
 use crate::loss::LOG_OFFSET;
 use crate::svbrdf::CHANNELS;
-use crate::views::{Emission, LOSS_COSINE_MIN, View};
+use crate::views::{Emission, LOSS_COSINE_MIN, Origin, View, flash_irradiance};
 
 /// Pixels per block.
 pub const LANES: usize = 64;
@@ -52,10 +54,14 @@ impl Geometry {
             self.weight[k] = if CLAMPED { fresnel::gaussian_weight(vh) } else { fresnel::schlick_weight(vh) };
             self.irradiance[k] = intensity / wi[2].max(LOSS_COSINE_MIN);
         }
-        if let Emission::Flash { .. } = view.emission {
-            for k in 0..LANES {
-                let wi = [self.wi[0][k], self.wi[1][k], self.wi[2][k]];
-                self.irradiance[k] = view.irradiance(wi, x[k], y);
+        match (view.emission, view.light) {
+            (Emission::Even { .. }, _) => {}
+            (Emission::Flash { .. }, Origin::Direction(_)) => self.irradiance = [intensity; LANES],
+            (Emission::Flash { exponent, .. }, Origin::Point(position)) => {
+                for k in 0..LANES {
+                    let wi = gather(&self.wi, 0, k);
+                    self.irradiance[k] = flash_irradiance(intensity, exponent, position, wi, [x[k], y]);
+                }
             }
         }
     }
@@ -94,7 +100,7 @@ fn pixel(maps: &Maps, g: &Geometry, k: usize) -> Pixel {
 #[inline(always)]
 fn terms<const INRIA: bool>(p: &Pixel, c: usize, weight: f32) -> (f32, f32) {
     let scale = if INRIA { 1.0 - p.specular[c] } else { 1.0 };
-    (p.diffuse[c] * scale * std::f32::consts::FRAC_1_PI, fresnel::reflectance(p.specular[c], weight))
+    (p.diffuse[c] * scale * FRAC_1_PI, fresnel::reflectance(p.specular[c], weight))
 }
 
 /// Linear radiance of the block in one view, into `out` (RGB).
@@ -139,6 +145,41 @@ pub fn accumulate<const CLAMPED: bool, const INRIA: bool>(
     }
 }
 
+/// What one colour channel of one pixel contributes.
+struct ChannelSlope {
+    difference: f32,
+    by_diffuse: f32,
+    by_lobe: f32,
+    diffuse_albedo: f32,
+    specular_albedo: f32,
+}
+
+/// Light that reaches a pixel and leaves it in one view.
+struct Lit {
+    nl: f32,
+    irradiance: f32,
+    weight: f32,
+    lobe: f32,
+}
+
+/// |ln(R + 0.1) − ln(R* + 0.1)| with R = E·nl·(diffuse + lobe·F), and its derivatives.
+#[inline(always)]
+fn channel<const INRIA: bool>(p: &Pixel, c: usize, lit: &Lit, goal: f32) -> ChannelSlope {
+    let (diffuse, reflectance) = terms::<INRIA>(p, c, lit.weight);
+    let shifted = lit.irradiance * lit.nl * (diffuse + lit.lobe * reflectance) + LOG_OFFSET;
+    let difference = ln(shifted) - ln(goal + LOG_OFFSET);
+    let sign = if difference > 0.0 { 1.0 } else { 0.0 } - if difference < 0.0 { 1.0 } else { 0.0 };
+    let slope = sign * lit.irradiance / shifted;
+    let (scale, shade) = if INRIA { (1.0 - p.specular[c], p.diffuse[c]) } else { (1.0, 0.0) };
+    ChannelSlope {
+        difference: difference.abs(),
+        by_diffuse: slope * diffuse,
+        by_lobe: slope * reflectance,
+        diffuse_albedo: slope * lit.nl * scale * FRAC_1_PI,
+        specular_albedo: slope * lit.nl * (lit.lobe * (1.0 - lit.weight) - shade * FRAC_1_PI),
+    }
+}
+
 #[inline(always)]
 fn differentiate<const CLAMPED: bool, const INRIA: bool>(
     pred: &Maps,
@@ -150,36 +191,31 @@ fn differentiate<const CLAMPED: bool, const INRIA: bool>(
 ) {
     let p = pixel(pred, g, k);
     let lobe = lobe::slope::<CLAMPED>(p.input);
+    let lit = Lit { nl: p.input.nl.max(0.0), irradiance: g.irradiance[k], weight: g.weight[k], lobe: lobe.value };
+    // Spelt out: a loop over channels would stay a loop and keep the one over pixels from being vectorised.
+    let red = channel::<INRIA>(&p, 0, &lit, goal[0][k]);
+    let green = channel::<INRIA>(&p, 1, &lit, goal[1][k]);
+    let blue = channel::<INRIA>(&p, 2, &lit, goal[2][k]);
+    loss[k] += red.difference + green.difference + blue.difference;
+    gradient[3][k] += red.diffuse_albedo;
+    gradient[4][k] += green.diffuse_albedo;
+    gradient[5][k] += blue.diffuse_albedo;
+    gradient[7][k] += red.specular_albedo;
+    gradient[8][k] += green.specular_albedo;
+    gradient[9][k] += blue.specular_albedo;
+
+    let by_diffuse = red.by_diffuse + green.by_diffuse + blue.by_diffuse;
+    let by_lobe = red.by_lobe + green.by_lobe + blue.by_lobe;
     let above = if p.input.nl > 0.0 { 1.0 } else { 0.0 };
-    let nl = p.input.nl.max(0.0);
-    let weight = g.weight[k];
-    // R = E·nl·(diffuse + lobe·F); sums over channels of ∂L/∂R·E times diffuse and times F.
-    let (mut by_diffuse, mut by_lobe, mut sum) = (0.0, 0.0, 0.0);
-    for c in 0..3 {
-        let (diffuse, reflectance) = terms::<INRIA>(&p, c, weight);
-        let shifted = g.irradiance[k] * nl * (diffuse + lobe.value * reflectance) + LOG_OFFSET;
-        let difference = ln(shifted) - ln(goal[c][k] + LOG_OFFSET);
-        let sign = if difference > 0.0 { 1.0 } else { 0.0 } - if difference < 0.0 { 1.0 } else { 0.0 };
-        sum += difference.abs();
-        let slope = sign * g.irradiance[k] / shifted;
-        by_diffuse += slope * diffuse;
-        by_lobe += slope * reflectance;
-        let scale = if INRIA { 1.0 - p.specular[c] } else { 1.0 };
-        let shade = if INRIA { p.diffuse[c] } else { 0.0 };
-        let inverse_pi = std::f32::consts::FRAC_1_PI;
-        gradient[3 + c][k] += slope * nl * scale * inverse_pi;
-        gradient[7 + c][k] += slope * nl * (lobe.value * (1.0 - weight) - shade * inverse_pi);
-    }
-    loss[k] += sum;
-    let lobe_share = by_lobe * nl;
-    let d_nl = (by_diffuse + by_lobe * lobe.value) * above + lobe_share * lobe.nl;
-    let h = gather(&g.h, 0, k);
+    let share = by_lobe * lit.nl;
+    let by_nl = (by_diffuse + by_lobe * lobe.value) * above + share * lobe.nl;
+    let (wi, wo, h) = (gather(&g.wi, 0, k), gather(&g.wo, 0, k), gather(&g.h, 0, k));
     let tilt = cross(h, p.sine);
-    for c in 0..3 {
-        let by_lobe_n = lobe.nv * g.wo[c][k] + lobe.nh * h[c] + 2.0 * lobe.sin2 * tilt[c];
-        gradient[c][k] += d_nl * g.wi[c][k] + lobe_share * by_lobe_n;
-    }
+    let (by_nv, by_nh, by_tilt) = (share * lobe.nv, share * lobe.nh, 2.0 * share * lobe.sin2);
+    gradient[0][k] += by_nl * wi[0] + by_nv * wo[0] + by_nh * h[0] + by_tilt * tilt[0];
+    gradient[1][k] += by_nl * wi[1] + by_nv * wo[1] + by_nh * h[1] + by_tilt * tilt[1];
+    gradient[2][k] += by_nl * wi[2] + by_nv * wo[2] + by_nh * h[2] + by_tilt * tilt[2];
     let r = pred[6][k];
     let by_roughness = if r > ROUGHNESS_MIN { 2.0 * r } else { 0.0 };
-    gradient[6][k] += lobe_share * lobe.alpha * by_roughness;
+    gradient[6][k] += share * lobe.alpha * by_roughness;
 }

@@ -1,0 +1,144 @@
+//! The three routes mean the same, in value and gradient.
+
+use burn::tensor::{Device, Tensor};
+use ops::gradcheck::largest_relative_error;
+use ops::planes::{Planes, values};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use render::brdf::{BrdfModel, DiffuseModel, SpecularModel};
+use render::direction::unit;
+use render::svbrdf::{Svbrdf, SvbrdfImage};
+use render::texel::Texel;
+use render::views::{EvaluationViews, LossViews, View, plane_point};
+use render::{fused, loss, pixel, shade};
+
+fn models() -> Vec<BrdfModel> {
+    let lobes = [SpecularModel::Ggx, SpecularModel::GgxClamped];
+    let diffuse = [DiffuseModel::Lambert, DiffuseModel::Inria];
+    lobes.iter().flat_map(|&specular| diffuse.map(|diffuse| BrdfModel { specular, diffuse })).collect()
+}
+
+fn random_maps(height: usize, width: usize, tilt: f32, seed: u64) -> SvbrdfImage {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut maps = SvbrdfImage::constant(height, width, &Texel::matte([0.5; 3]));
+    for i in 0..height * width {
+        let mut three = |low: f32, high: f32| std::array::from_fn::<f32, 3, _>(|_| rng.random_range(low..high));
+        let [x, y, _] = three(-1.0, 1.0).map(|v| tilt * v);
+        let texel = Texel {
+            normal: unit([x, y, 1.0]),
+            diffuse: three(0.02, 0.9),
+            specular: three(0.02, 0.9),
+            roughness: rng.random_range(0.08..1.0),
+        };
+        maps.set(i / width, i % width, &texel);
+    }
+    maps
+}
+
+#[test]
+fn every_route_renders_the_same_picture() {
+    let device = Device::flex();
+    let maps = random_maps(5, 67, 1.0, 1);
+    let views = LossViews::draw(&mut ChaCha8Rng::seed_from_u64(2));
+    let flashes = EvaluationViews::standard().views;
+    for model in models() {
+        for view in views.all().chain(&flashes[..11]) {
+            let tensor = Planes::from_tensor(shade::render(&maps.to_tensor(&device), view, model)).remove(0);
+            let block = fused::render(&maps, view, model);
+            for i in 0..5 * 67 {
+                let (row, column) = (i / 67, i % 67);
+                let single = render_pixel(&maps, view, model, row, column);
+                for c in 0..3 {
+                    let (a, b) = (tensor.at(c, row, column), block.at(c, row, column));
+                    let tolerance = 3e-4 * single[c].max(1e-3);
+                    assert!((a - b).abs() < tolerance && (b - single[c]).abs() < tolerance, "{a} {b} {}", single[c]);
+                }
+            }
+        }
+    }
+}
+
+fn render_pixel(maps: &SvbrdfImage, view: &View, model: BrdfModel, row: usize, column: usize) -> [f32; 3] {
+    let (x, y) = plane_point(row, column, maps.height(), maps.width());
+    let (wi, wo) = (view.light.from(x, y), view.camera.from(x, y));
+    pixel::shade(&maps.texel(row, column), wi, wo, model).map(|v| v * view.irradiance(wi, x, y))
+}
+
+/// (value, gradient by map) of a loss route, weighed so that mixed-up terms show.
+type Route = fn(&Svbrdf, &Svbrdf, &LossViews, BrdfModel) -> loss::RenderingLosses;
+
+fn gradients(route: Route, pred: &[&SvbrdfImage], target: &[&SvbrdfImage], model: BrdfModel) -> (f64, f64, [Vec<f32>; 4]) {
+    let device = Device::flex().autodiff();
+    let maps = SvbrdfImage::batch(pred, &device).map(Tensor::require_grad);
+    let views = LossViews::draw(&mut ChaCha8Rng::seed_from_u64(3));
+    let losses = route(&maps, &SvbrdfImage::batch(target, &device), &views, model);
+    let total = losses.rendering.clone() + losses.top.clone() * 3.0;
+    let expected = losses.rendering_value + 3.0 * losses.top_value;
+    assert!((f64::from(values(total.clone())[0]) - expected).abs() < 1e-5);
+    let slopes = total.backward();
+    let gradient = maps.maps().map(|m| values(m.grad(&slopes).expect("every map is rendered")));
+    (losses.rendering_value, losses.top_value, gradient)
+}
+
+#[test]
+fn fused_losses_are_the_tensor_route_in_value_and_gradient() {
+    let (pred, target) = ([random_maps(6, 70, 0.5, 5), random_maps(6, 70, 0.5, 6)], [7, 8].map(|s| random_maps(6, 70, 0.5, s)));
+    let (pred, target): (Vec<_>, Vec<_>) = (pred.iter().collect(), target.iter().collect());
+    for model in models() {
+        let (r, t, exact) = gradients(loss::rendering_losses, &pred, &target, model);
+        let (fused_r, fused_t, fast) = gradients(fused::rendering_losses, &pred, &target, model);
+        assert!((r - fused_r).abs() < 1e-5 * r && (t - fused_t).abs() < 1e-5 * t, "{r} {fused_r} {t} {fused_t}");
+        for (map, (a, b)) in exact.iter().zip(&fast).enumerate() {
+            assert!(a.iter().chain(b).all(|v| v.is_finite()));
+            let norm = a.iter().map(|v| v * v).sum::<f32>().sqrt();
+            let apart = a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum::<f32>().sqrt();
+            assert!(norm > 0.0 && apart < 1e-4 * norm, "{model:?} map {map}: {apart} of {norm}");
+        }
+    }
+}
+
+#[test]
+fn the_tensor_route_has_the_gradient_of_central_differences() {
+    let views = LossViews::draw(&mut ChaCha8Rng::seed_from_u64(12));
+    let maps = random_maps(1, 2, 0.2, 13);
+    let packed: Vec<f32> = maps.maps().iter().flat_map(|p| p.data.iter().copied()).collect();
+    for model in models() {
+        for view in [&views.rendering[0], &views.top[0]] {
+            let error = largest_relative_error(&packed, [1, 10, 1, 2], 1e-3, |x| {
+                (shade::render(&Svbrdf::from_stacked(x), view, model) + 0.1).log().sum()
+            });
+            assert!(error < 2e-2, "{model:?}: {error}");
+        }
+    }
+}
+
+#[test]
+fn sharp_lobes_and_grazing_angles_stay_finite() {
+    let mut pred = random_maps(3, 8, 0.0, 1);
+    let normals = [[0.0, 0.0, 1.0], [0.9999, 0.0, 0.01], [0.0, -1.0, 0.0], [0.6, 0.0, 0.8]];
+    for i in 0..24 {
+        let texel = Texel { normal: unit(normals[i % 4]), roughness: [0.01, 0.0, 0.02][i / 8], ..pred.texel(i / 8, i % 8) };
+        pred.set(i / 8, i % 8, &texel);
+    }
+    let target = SvbrdfImage::constant(3, 8, &Texel::matte([0.2; 3]));
+    for model in models() {
+        for route in [loss::rendering_losses as Route, fused::rendering_losses] {
+            let (r, t, gradient) = gradients(route, &[&pred], &[&target], model);
+            assert!(r.is_finite() && t.is_finite());
+            assert!(gradient.iter().flatten().all(|v| v.is_finite()), "{model:?}");
+        }
+    }
+}
+
+#[test]
+fn equal_maps_have_no_loss_and_no_gradient() {
+    let maps = random_maps(4, 9, 0.4, 2);
+    let views = LossViews::draw(&mut ChaCha8Rng::seed_from_u64(3));
+    let difference = fused::log_difference(&maps, &maps, &views.rendering, BrdfModel::default());
+    assert!(difference.value < 1e-7 && difference.gradient.data.iter().all(|v| v.abs() < 1.0));
+    let again = fused::log_difference(&maps, &random_maps(4, 9, 0.4, 3), &views.top, BrdfModel::default());
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let single = pool.install(|| fused::log_difference(&maps, &random_maps(4, 9, 0.4, 3), &views.top, BrdfModel::default()));
+    assert_eq!(again.value.to_bits(), single.value.to_bits());
+    assert_eq!(again.gradient, single.gradient);
+}
