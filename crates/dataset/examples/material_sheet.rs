@@ -52,19 +52,33 @@ fn report(family: Family, seed: u64, maps: &MaterialMaps, milliseconds: u128) {
     let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
     let mut tilt: Vec<f32> = maps.normal.plane(2).iter().map(|z| z.clamp(-1.0, 1.0).acos().to_degrees()).collect();
     tilt.sort_by(f32::total_cmp);
-    let luminance: Vec<f32> = (0..SIZE * SIZE)
-        .map(|t| (0..3).map(|c| (maps.diffuse.plane(c)[t] + maps.specular.plane(c)[t]).powf(1.0 / 2.2)).sum::<f32>() / 3.0)
-        .collect();
-    let gradient = luminance.windows(2).map(|w| (w[1] - w[0]).abs()).sum::<f32>() / luminance.len() as f32;
     println!(
-        "{:16} {seed:3}  diffuse {:.2} specular {:.2} roughness {:.2}  tilt {:4.1} p95 {:4.1}  gradient {gradient:.4}  {milliseconds} ms",
+        "{:16} {seed:3}  diffuse {:.2} specular {:.2} roughness {:.2}  tilt {:4.1} p95 {:4.1}  contrast {:.3}  {milliseconds} ms",
         family.name(),
         mean(&maps.diffuse.data),
         mean(&maps.specular.data),
         mean(&maps.roughness.data),
         mean(&tilt),
         tilt[tilt.len() * 95 / 100],
+        contrast(maps),
     );
+}
+
+/// Median over blocks of 8 × 8 pixels of the flash-lit view of the standard deviation of the encoded brightness, highlight
+/// and all.
+fn contrast(maps: &MaterialMaps) -> f32 {
+    let encoded =
+        |x: usize, y: usize| pixel(maps, 0, x, y).map(|v| v.clamp(0.0, 1.0).powf(1.0 / 2.2)).iter().sum::<f32>() / 3.0;
+    let mut deviations: Vec<f32> = (0..(TILE / 8) * (TILE / 8))
+        .map(|block| {
+            let (bx, by) = (block % (TILE / 8) * 8, block / (TILE / 8) * 8);
+            let values: Vec<f32> = (0..64).map(|k| encoded(bx + k % 8, by + k / 8)).collect();
+            let mean = values.iter().sum::<f32>() / 64.0;
+            (values.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / 64.0).sqrt()
+        })
+        .collect();
+    deviations.sort_by(f32::total_cmp);
+    deviations[deviations.len() / 2]
 }
 
 fn paste(sheet: &mut RgbImage, x0: usize, y0: usize, colour: impl Fn(usize, usize) -> [f32; 3]) {

@@ -77,3 +77,27 @@ pub mod metal {
     /// All of the above.
     pub const ALL: [Rgb; 11] = [IRON, COPPER, GOLD, BRASS, BRONZE, ALUMINIUM, SILVER, TITANIUM, CHROMIUM, ZINC, LEAD];
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pickers_and_hues_agree_on_the_primaries() {
+        for (hue, rgb) in [(0.0, [255, 0, 0]), (1.0 / 3.0, [0, 255, 0]), (2.0 / 3.0, [0, 0, 255]), (1.0, [255, 0, 0])] {
+            let (a, b) = (hsv(hue, 1.0, 1.0), srgb(rgb[0], rgb[1], rgb[2]));
+            assert!(a.iter().zip(b).all(|(x, y)| (x - y).abs() < 1e-4), "{hue}: {a:?} {b:?}");
+        }
+        assert!(hsv(0.3, 0.0, 0.5).iter().all(|v| (v - 0.214).abs() < 1e-3));
+    }
+
+    #[test]
+    fn ramps_hit_their_stops_and_clamp() {
+        let ramp = Ramp(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+        assert_eq!(ramp.at(-1.0), [0.0; 3]);
+        assert_eq!(ramp.at(0.5), [1.0, 0.0, 0.0]);
+        assert_eq!(ramp.at(3.0), [0.0, 1.0, 0.0]);
+        assert_eq!(ramp.at(0.25), [0.5, 0.0, 0.0]);
+        assert_eq!(Ramp(vec![[0.3; 3]]).at(0.9), [0.3; 3]);
+    }
+}

@@ -158,3 +158,59 @@ fn box_columns(from: &[f32], to: &mut [f32], size: usize, half: usize) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bumps(size: usize) -> Field {
+        Field::from_fn(size, |x, y| (x * 0.05).sin() + (y * 0.11).cos() + if x < 300.0 { 1.0 } else { 0.0 })
+    }
+
+    #[test]
+    fn samples_at_texel_centres_are_the_texels_and_wrap() {
+        for size in [16, 24] {
+            let field = bumps(size);
+            let step = TILE / size as f32;
+            for (k, &value) in field.data.iter().enumerate() {
+                let (x, y) = ((k % size) as f32 + 0.5, (k / size) as f32 + 0.5);
+                assert!((field.sample(x * step, y * step) - value).abs() < 1e-4);
+                assert!((field.sample(x * step - TILE, y * step + TILE) - value).abs() < 1e-3);
+            }
+        }
+    }
+
+    #[test]
+    fn blurring_keeps_the_mean_and_takes_contrast() {
+        let (field, smooth) = (bumps(64), bumps(64).blur(40.0));
+        let mean = |f: &Field| f.data.iter().sum::<f32>() / f.data.len() as f32;
+        let spread = |f: &Field| f.data.iter().map(|v| (v - mean(f)).powi(2)).sum::<f32>();
+        assert!((mean(&field) - mean(&smooth)).abs() < 1e-3);
+        assert!(spread(&smooth) < 0.7 * spread(&field));
+        assert_eq!(field.blur(0.0), field);
+    }
+
+    /// A unit impulse spreads to the same weights left, right, above and below, also over the edge.
+    #[test]
+    fn blurring_is_symmetric_and_periodic() {
+        let size = 32;
+        let mut field = Field::constant(size, 0.0);
+        field.data[0] = 1.0;
+        let smooth = field.blur(2.0 * TILE / size as f32);
+        for k in 1..8 {
+            let across = [k, size - k, k * size, (size - k) * size].map(|t| smooth.data[t]);
+            assert!(across.iter().all(|v| (v - across[0]).abs() < 1e-6), "{k}: {across:?}");
+        }
+        assert!((smooth.data.iter().sum::<f32>() - 1.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn shares_cover_what_they_say() {
+        let field = Field::from_fn(128, |x, y| (x * 0.731).fract() + (y * 0.377).fract());
+        for share in [0.1, 0.35, 0.8] {
+            let cover = field.upper_share(share, 1e-3);
+            let covered = cover.data.iter().sum::<f32>() / cover.data.len() as f32;
+            assert!((covered - share).abs() < 0.03, "{share}: {covered}");
+        }
+    }
+}

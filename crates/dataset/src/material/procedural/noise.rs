@@ -138,3 +138,58 @@ fn knot(seed: u32, x: usize, y: usize) -> Knot {
     let value = (bits & 0xFFFF) as f32 / 32768.0 - 1.0;
     Knot { value: VALUE * value, slope: [SLOPE * COS[turn], SLOPE * COS[(turn + 12) & 15]] }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn moments(field: &Field) -> (f32, f32) {
+        let n = field.data.len() as f32;
+        let mean = field.data.iter().sum::<f32>() / n;
+        (mean, (field.data.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / n).sqrt())
+    }
+
+    #[test]
+    fn noise_has_the_promised_spread_at_every_octave_count() {
+        for octaves in 1..=5 {
+            let (mean, deviation) = moments(&Fbm::new(24.0, octaves).field(512, 11));
+            assert!(mean.abs() < 0.05, "{octaves}: mean {mean}");
+            assert!((0.28..0.42).contains(&deviation), "{octaves}: standard deviation {deviation}");
+        }
+    }
+
+    #[test]
+    fn noise_continues_over_the_edge() {
+        let field = Fbm::stretched(300.0, 200.0, 2).field(256, 3);
+        let largest = |pairs: &mut dyn Iterator<Item = (usize, usize)>| {
+            pairs.map(|(a, b)| (field.data[a] - field.data[b]).abs()).fold(0.0f32, f32::max)
+        };
+        let inside = largest(&mut (0..256).flat_map(|y| (1..256).map(move |x| (y * 256 + x, y * 256 + x - 1))));
+        let over_x = largest(&mut (0..256).map(|y| (y * 256, y * 256 + 255)));
+        let over_y = largest(&mut (0..256).map(|x| (x, 255 * 256 + x)));
+        assert!(over_x <= 1.1 * inside && over_y <= 1.1 * inside, "{over_x} {over_y} against {inside}");
+    }
+
+    #[test]
+    fn a_noise_is_the_same_function_at_two_resolutions() {
+        let (coarse, fine) = (Fbm::new(128.0, 2).field(128, 5), Fbm::new(128.0, 2).field(384, 5));
+        // Three fine texels lie in a coarse one; the middle one has its centre.
+        for y in 0..128 {
+            for x in 0..128 {
+                let (a, b) = (coarse.data[y * 128 + x], fine.data[(3 * y + 1) * 384 + 3 * x + 1]);
+                assert!((a - b).abs() < 1e-4, "{x} {y}: {a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn identities_are_uniform_and_independent() {
+        let values: Vec<[f32; 2]> = (0..4096).map(|k| [unit(hash(1, k, 2), 0), unit(hash(1, k, 2), 1)]).collect();
+        for axis in 0..2 {
+            let mean = values.iter().map(|v| v[axis]).sum::<f32>() / 4096.0;
+            assert!((mean - 0.5).abs() < 0.02, "{mean}");
+        }
+        let product = values.iter().map(|v| (v[0] - 0.5) * (v[1] - 0.5)).sum::<f32>() / 4096.0;
+        assert!(product.abs() < 0.006, "{product}");
+    }
+}

@@ -87,3 +87,29 @@ fn normals(height: &Field) -> Planes {
     }
     normal
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A wave that rises to the right leans its normals to the left, one that rises downwards leans them up.
+    #[test]
+    fn slopes_lean_the_normals_the_opengl_way() {
+        let wave = |t: f32| 10.0 * (t * std::f32::consts::TAU / TILE).sin();
+        let coat = Coat::dielectric([0.5; 3], 0.5, 0.04);
+        let maps = paint(Field::from_fn(64, |x, _| wave(x)), |_| coat);
+        assert!(maps.normal.at(0, 5, 0) < -0.05 && maps.normal.at(1, 5, 0).abs() < 1e-6);
+        let maps = paint(Field::from_fn(64, |_, y| wave(y)), |_| coat);
+        assert!(maps.normal.at(1, 0, 5) > 0.05 && maps.normal.at(0, 0, 5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_coat_covers_by_its_share() {
+        let (steel, paint) = (Coat::metal([0.5; 3], 0.3), Coat::dielectric([0.4, 0.2, 0.1], 0.7, 0.04));
+        assert_eq!(steel.under(paint, 0.0), steel);
+        let full = steel.under(paint, 2.0);
+        assert!((full.specular[0] - 0.04).abs() < 1e-6 && (full.diffuse[0] - 0.4).abs() < 1e-6);
+        let half = steel.under(paint, 0.5);
+        assert!((half.roughness - 0.5).abs() < 1e-6 && (half.specular[0] - 0.27).abs() < 1e-6);
+    }
+}

@@ -104,3 +104,71 @@ impl Worley {
         CellSample { id, nearest: d1.sqrt(), border: (d2 - d1) / (2.0 * apart), offset: [-a[0], -a[1]] }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Nearest and second nearest distance over all points and their wrapped copies.
+    fn brute_force(worley: &Worley, x: f32, y: f32) -> [f32; 2] {
+        let [columns, rows] = worley.cells.map(|c| c as f32);
+        let (x, y) = (x / TILE * columns, y / TILE * rows);
+        let mut distances: Vec<f32> = Vec::new();
+        let inner = |p: &[f32; 2]| (0.0..columns).contains(&p[0]) && (0.0..rows).contains(&p[1]);
+        for (p, _) in worley.points.iter().filter(|(p, _)| inner(p)) {
+            for (i, j) in (-1..=1).flat_map(|i| (-1..=1).map(move |j| (i as f32, j as f32))) {
+                let dx = (p[0] + i * columns - x) * worley.metric[0];
+                let dy = (p[1] + j * rows - y) * worley.metric[1];
+                distances.push((dx * dx + dy * dy).sqrt());
+            }
+        }
+        distances.sort_by(f32::total_cmp);
+        [distances[0], distances[1]]
+    }
+
+    #[test]
+    fn the_nearest_point_is_the_nearest_of_all() {
+        for worley in
+            [Worley::new(100.0, [1.0, 1.0], 0.85, 1), Worley::new(80.0, [2.0, 0.5], 0.8, 2), Worley::honeycomb(90.0, 3)]
+        {
+            for k in 0..2000 {
+                let (x, y) = (unit(k, 0) * TILE, unit(k, 1) * TILE);
+                let (sample, truth) = (worley.at(x, y), brute_force(&worley, x, y));
+                assert!((sample.nearest - truth[0]).abs() < 1e-4, "{x} {y}: {} against {}", sample.nearest, truth[0]);
+                let [dx, dy] = sample.offset;
+                assert!(((dx * dx + dy * dy).sqrt() - sample.nearest).abs() < 1e-5);
+                assert!(sample.border >= 0.0);
+            }
+        }
+    }
+
+    #[test]
+    fn cells_wrap_around() {
+        let worley = Worley::new(90.0, [1.0, 1.0], 0.85, 4);
+        for k in 0..500 {
+            let (x, y) = (unit(k, 0) * TILE, unit(k, 1) * TILE);
+            let (here, there) = (worley.at(x, y), worley.at(x - TILE, y + 2.0 * TILE));
+            assert!((here.nearest - there.nearest).abs() < 1e-3 && (here.border - there.border).abs() < 1e-2);
+        }
+    }
+
+    /// In a regular hexagon the border is half a pitch away from the centre, on six sides.
+    #[test]
+    fn a_honeycomb_has_hexagons() {
+        let comb = Worley::honeycomb(1024.0 / 12.0, 5);
+        let centre = comb.at(0.25 * comb.unit_texels(), 0.5 * TILE / comb.cells[1] as f32);
+        assert!(centre.nearest < 1e-4);
+        assert!((centre.border - 0.5).abs() < 0.02, "{}", centre.border);
+    }
+
+    #[test]
+    fn rounding_only_cuts() {
+        let worley = Worley::new(90.0, [1.0, 1.0], 0.85, 6);
+        for k in 0..500 {
+            let cell = worley.at(unit(k, 0) * TILE, unit(k, 1) * TILE);
+            assert!(cell.rounded(0.6) <= cell.border + 1e-6);
+            assert!(cell.rounded(0.6) <= 0.6 - cell.nearest + 1e-6);
+            assert!((cell.rounded(9.0) - cell.border).abs() < 1e-6);
+        }
+    }
+}

@@ -36,13 +36,13 @@ pub fn rusted_metal(draw: &mut Draw) -> MaterialMaps {
     let patches = draw.noise(190.0, 6).warped(&wx, &wy, 40.0).plus(draw.between(0.0, 0.8), &streaks).plus(0.25, &rust.grit);
     let cover = patches.upper_share(draw.between(0.35, 0.97), draw.between(0.08, 0.35));
     let pits = draw.fbm(Fbm::new(18.0, 3)).upper_share(draw.between(0.04, 0.16), 0.1);
-    let crust = draw.between(0.8, 2.5);
+    let crust = draw.scale_between(0.2, 2.5);
     let mut texel = 0;
     let height = Field::from_fn(draw.size, |_, _| {
         let t = texel;
         texel += 1;
-        cover.data[t] * (crust * (0.6 + 0.6 * rust.bloom.data[t] + 0.5 * rust.grit.data[t]) - 1.2 * pits.data[t])
-            + 0.15 * rust.grit.data[t]
+        cover.data[t] * (crust * (0.6 + 0.6 * rust.bloom.data[t] + 0.5 * rust.grit.data[t]) - 0.5 * crust * pits.data[t])
+            + 0.06 * crust * rust.grit.data[t]
     });
     let relief = height.relief(8.0);
     let steel = scale(metal::IRON, draw.between(0.45, 1.0));

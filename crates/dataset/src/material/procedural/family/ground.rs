@@ -33,7 +33,7 @@ pub fn gravel(draw: &mut Draw) -> MaterialMaps {
             let reach = (inside / 0.3).clamp(0.0, 1.0);
             let shape = if angular { smoothstep(0.0, 0.55, reach) } else { (1.0 - (1.0 - reach).powi(2)).max(0.0).sqrt() };
             let lean = (unit(cell.id, 2) - 0.5) * cell.offset[0] + (unit(cell.id, 3) - 0.5) * cell.offset[1];
-            let top = width * ((0.16 + 0.12 * unit(cell.id, 4)) * shape + if angular { 0.22 } else { 0.1 } * lean)
+            let top = 0.75 * width * ((0.16 + 0.12 * unit(cell.id, 4)) * shape + if angular { 0.22 } else { 0.1 } * lean)
                 + 0.5 * grit.data[t];
             if reach > 0.02 && top > best.1 {
                 best = (hash(cell.id, k as u32, 1).max(1), top);
@@ -185,7 +185,7 @@ pub fn grass(draw: &mut Draw) -> MaterialMaps {
             .map(|(h, g)| if h.id == 0 { h.height + 2.0 * g } else { h.height + 0.3 * g })
             .collect(),
     };
-    let height = height.blur(0.8);
+    let height = height.blur(1.2).map(|h| 0.6 * h);
     let relief = height.relief(9.0);
     let green = draw.hsv([0.19, 0.29], [0.35, 0.65], [0.25, 0.5]);
     let dry = draw.hsv([0.1, 0.17], [0.25, 0.5], [0.4, 0.7]);
@@ -193,7 +193,7 @@ pub fn grass(draw: &mut Draw) -> MaterialMaps {
     let (rough, f0) = (draw.between(0.5, 0.75), draw.between(0.03, 0.05));
     paint(height, |t| {
         let Hit { id, at: [a, _], .. } = hits[t];
-        let shade = (0.95 + 0.12 * relief.data[t]).clamp(0.2, 1.35);
+        let shade = (0.95 + 0.2 * relief.data[t]).clamp(0.2, 1.35);
         if id == 0 {
             return Coat::dielectric(scale(soil, shade * (1.0 + 0.8 * grit.data[t])), 0.95, 0.02);
         }

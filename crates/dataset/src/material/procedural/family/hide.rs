@@ -42,7 +42,7 @@ pub fn leather(draw: &mut Draw) -> MaterialMaps {
     let (deep, rubbed) =
         (scale(draw.near(dye, 0.2), 0.55), mix(draw.near(dye, 0.15), [0.75, 0.66, 0.55], draw.between(0.0, 0.3)));
     let (wear, mottle) = (draw.between(0.1, 0.7), draw.between(0.1, 0.35));
-    let (rough, f0) = (draw.between(0.32, 0.65), draw.between(0.035, 0.055));
+    let (rough, f0) = (draw.between(0.28, 0.6), draw.between(0.035, 0.055));
     paint(height, |t| {
         let (id, top) = cells[t];
         let fold = smoothstep(0.75, 1.0, creases.data[t]);

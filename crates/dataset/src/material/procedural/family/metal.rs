@@ -39,7 +39,7 @@ pub fn brushed_metal(draw: &mut Draw) -> MaterialMaps {
     let angles = [-0.06, 0.06];
     let count = draw.whole(0, 160);
     let strokes = scratches(draw, count, [60.0, 420.0], 1.4, angles);
-    let (depth, rough) = (draw.between(0.08, 0.5), draw.between(0.22, 0.5));
+    let (depth, rough) = (draw.scale_between(0.04, 0.5), draw.between(0.18, 0.5));
     let (uneven, dirt) = (draw.between(0.15, 0.45), draw.between(0.0, 0.25));
     let height = grooves.clone().map(|v| depth * v).plus(-1.2 * depth, &strokes).plus(0.8, &stain);
     paint(height, |t| {
@@ -88,7 +88,7 @@ pub fn polished_metal(draw: &mut Draw) -> MaterialMaps {
     let (smudge, fine, swell) = (draw.noise(170.0, 5), draw.noise(24.0, 3), draw.noise(400.0, 2));
     let count = draw.whole(0, 40);
     let hairlines = scratches(draw, count, [40.0, 300.0], 0.9, [0.0, 6.3]);
-    let (rough, dull) = (draw.between(0.06, 0.42), draw.between(0.02, 0.14));
+    let (rough, dull) = (draw.scale_between(0.03, 0.45), draw.scale_between(0.01, 0.14));
     let height = swell.map(|v| 1.2 * v).plus(0.03, &fine).plus(-0.12, &hairlines);
     paint(height, |t| {
         let film = smoothstep(-0.1, 0.6, smudge.data[t]);

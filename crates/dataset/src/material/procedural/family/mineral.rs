@@ -14,9 +14,9 @@ pub fn plaster(draw: &mut Draw) -> MaterialMaps {
     let (wx, wy) = (draw.noise(160.0, 3), draw.noise(160.0, 3));
     let trowel = draw.fbm(Fbm::stretched(220.0, 40.0, 4)).warped(&wx, &wy, 60.0);
     let (grain, cloud) = (draw.fbm(Fbm::new(7.0, 2)), draw.noise(300.0, 5));
-    let (strokes, depth) = (draw.between(0.3, 1.8), draw.between(0.1, 0.45));
+    let (strokes, depth) = (draw.between(0.3, 2.2), draw.scale_between(0.1, 0.9));
     let height = trowel.clone().map(|v| strokes * v).plus(depth, &grain);
-    let (rough, tone, f0) = (draw.between(0.55, 0.92), draw.between(0.02, 0.07), draw.between(0.02, 0.045));
+    let (rough, tone, f0) = (draw.between(0.55, 0.92), draw.between(0.02, 0.12), draw.between(0.02, 0.045));
     paint(height, |t| {
         let shade = 1.0 + tone * (cloud.data[t] + 0.6 * trowel.data[t] + 0.3 * grain.data[t]);
         Coat::dielectric(scale(colour, shade), rough - 0.06 * trowel.data[t] + 0.03 * grain.data[t], f0)
@@ -173,7 +173,7 @@ pub fn marble(draw: &mut Draw) -> MaterialMaps {
     let (ground, vein) = (draw.near(ground, 0.12), draw.near(vein, 0.15));
     let second = mix(ground, draw.near(vein, 0.4), draw.between(0.15, 0.5));
     let (banded, network, speckle) = (draw.between(0.0, 0.9), draw.between(0.2, 0.9), draw.between(0.02, 0.3));
-    let (rough, etched) = (draw.between(0.05, 0.25), draw.between(0.0, 0.12));
+    let (rough, etched) = (draw.scale_between(0.03, 0.25), draw.between(0.0, 0.12));
     let f0 = draw.between(0.04, 0.06);
     let (thick, thin) = (draw.between(0.02, 0.1), draw.between(0.02, 0.08));
     let thick = veins.plus(0.12, &cloud).upper_share(thick, 0.06);

@@ -37,7 +37,7 @@ pub fn woven_cloth(draw: &mut Draw) -> MaterialMaps {
 
 /// Denim: dyed warp over white weft in a fine twill, faded in places.
 pub fn denim(draw: &mut Draw) -> MaterialMaps {
-    let pitch = draw.scale_between(5.0, 10.0);
+    let pitch = draw.scale_between(4.5, 9.0);
     let draft = draw.pick(&[Draft::Twill { over: 3, under: 1 }, Draft::Twill { over: 2, under: 1 }]);
     let weave = Weave::new(pitch, pitch, draft, [1.0, 0.85]);
     let dye = match draw.whole(0, 3) {
@@ -46,6 +46,7 @@ pub fn denim(draw: &mut Draw) -> MaterialMaps {
         _ => draw.hsv([0.56, 0.64], [0.45, 0.8], [0.25, 0.65]),
     };
     let white = draw.hsv([0.08, 0.15], [0.0, 0.12], [0.55, 0.85]);
+    let white = mix(white, dye, draw.between(0.1, 0.6));
     let cloth = Cloth {
         depth: 0.2 * pitch,
         ply: pitch * 0.5,

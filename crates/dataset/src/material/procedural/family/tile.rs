@@ -41,7 +41,7 @@ pub fn ceramic_tiles(draw: &mut Draw) -> MaterialMaps {
         bevel: draw.between(3.0, 9.0),
         rise: draw.between(2.0, 5.0),
         waves: draw.between(0.3, 1.6),
-        roughness: draw.between(0.06, 0.35),
+        roughness: draw.scale_between(0.03, 0.35),
         mottle: draw.between(0.03, 0.3),
     };
     glaze.build(draw, tile, |id, _, n| ramp.at(unit(id, 4) + 0.4 * n))

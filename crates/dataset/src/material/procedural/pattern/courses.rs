@@ -141,3 +141,67 @@ impl Herringbone {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::material::procedural::noise::unit;
+
+    fn positions() -> impl Iterator<Item = (f32, f32)> {
+        (0..2000).map(|k| (unit(k, 0) * TILE, unit(k, 1) * TILE))
+    }
+
+    /// Every position lies in its rectangle, and one tile further lies the same rectangle.
+    fn covers(at: impl Fn(f32, f32) -> Slab) {
+        for (x, y) in positions() {
+            let slab = at(x, y);
+            assert!((0..2).all(|k| slab.at[k].abs() <= slab.half[k] + 1e-2), "{x} {y}: {slab:?}");
+            if slab.inside(0.0) > 0.5 {
+                let next = at(x + TILE, y - TILE);
+                assert_eq!(next.id, slab.id, "{x} {y}");
+                assert!((0..2).all(|k| (next.at[k] - slab.at[k]).abs() < 0.05), "{x} {y}");
+            }
+        }
+    }
+
+    #[test]
+    fn courses_cover_the_tile() {
+        let mut draw = Draw::new(1, 1, 64);
+        for courses in [
+            Courses::bond(5, 8, 0.5, 1),
+            Courses::bond(4, 7, 1.0 / 3.0, 2),
+            Courses::bond(6, 6, 0.0, 3),
+            Courses::flemish(3, 8, 0.66, 4),
+            Courses::random(2, 7, &mut draw),
+        ] {
+            covers(|x, y| courses.at(x, y));
+        }
+    }
+
+    #[test]
+    fn herringbones_cover_the_tile() {
+        for (ratio, diagonal) in [(2, false), (3, true), (5, false), (4, true)] {
+            let pattern = Herringbone::new(50.0, ratio, diagonal, 9);
+            covers(|x, y| pattern.at(x, y));
+        }
+    }
+
+    /// One brick has one identity: 40 bricks are 40 identities, each seen on an equal share of the tile.
+    #[test]
+    fn a_bond_has_as_many_bricks_as_asked() {
+        let courses = Courses::bond(5, 8, 0.5, 1);
+        let mut ids: Vec<u32> = positions().map(|(x, y)| courses.at(x, y).id).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        assert_eq!(ids.len(), 40);
+    }
+
+    #[test]
+    fn the_way_in_is_measured_from_the_rounded_outline() {
+        let slab = |x: f32, y: f32| Slab { id: 1, at: [x, y], half: [20.0, 10.0] };
+        assert_eq!(slab(0.0, 0.0).inside(0.0), 10.0);
+        assert_eq!(slab(18.0, 0.0).inside(3.0), 2.0);
+        assert!((slab(20.0, 10.0).inside(4.0) - (4.0 - 4.0 * 2f32.sqrt())).abs() < 1e-5);
+        assert!(slab(23.0, 0.0).inside(0.0) < 0.0);
+    }
+}

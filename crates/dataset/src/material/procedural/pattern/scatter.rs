@@ -75,3 +75,21 @@ pub fn scatter(size: usize, ground: f32, stamps: &[Stamp], shape: impl Fn(f32, f
     }
     hits
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A disc over the corner covers all four corners of the tile, and the higher of two shapes is on top.
+    #[test]
+    fn shapes_wrap_around_and_the_higher_one_wins() {
+        let stamp = |at: [f32; 2], base: f32, id: u32| Stamp { at, turn: [1.0, 0.0], half: [200.0, 200.0], base, id };
+        let stamps = [stamp([0.0, 0.0], 2.0, 1), stamp([100.0, 0.0], 1.0, 2)];
+        let hits = scatter(64, 0.0, &stamps, |a, b, _| (a * a + b * b < 1.0).then_some(0.5));
+        for corner in [0, 63, 63 * 64, 63 * 64 + 63] {
+            assert_eq!((hits[corner].id, hits[corner].height), (1, 2.5));
+        }
+        assert_eq!(hits[16].id, 2, "only the second disc reaches 264 texels to the right");
+        assert_eq!((hits[32 * 64 + 32].id, hits[32 * 64 + 32].height), (0, 0.0));
+    }
+}

@@ -166,3 +166,43 @@ impl Knit {
         Stitch { index, along: leg, across, height: side * (0.35 + 0.65 * end.max(0.0).sqrt()) }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::material::procedural::noise::unit;
+
+    /// Share of crossings where the warp is on top, read at the middle of every crossing.
+    fn warp_share(draft: Draft) -> f32 {
+        let weave = Weave::new(20.0, 25.0, draft, [1.0, 1.0]);
+        let [ends, picks] = weave.threads();
+        let tops = (0..picks).flat_map(|j| (0..ends).map(move |i| (i, j))).filter(|&(i, j)| {
+            let at = |k: usize, count: usize| (k as f32 + 0.5) * TILE / count as f32;
+            weave.at(at(i, ends), at(j, picks)).warp
+        });
+        tops.count() as f32 / (ends * picks) as f32
+    }
+
+    #[test]
+    fn drafts_bring_the_warp_to_the_top_as_often_as_they_say() {
+        assert_eq!(warp_share(Draft::Plain), 0.5);
+        assert_eq!(warp_share(Draft::Basket(2)), 0.5);
+        assert_eq!(warp_share(Draft::Twill { over: 3, under: 1 }), 0.75);
+        assert_eq!(warp_share(Draft::Satin), 0.8);
+    }
+
+    #[test]
+    fn weaves_and_knits_wrap_around() {
+        for draft in [Draft::Plain, Draft::Basket(3), Draft::Twill { over: 2, under: 1 }, Draft::Satin] {
+            let weave = Weave::new(17.0, 23.0, draft, [0.9, 0.9]);
+            let knit = Knit::new(31.0, 22.0, 0.8);
+            for k in 0..500 {
+                let (x, y) = (unit(k, 0) * TILE, unit(k, 1) * TILE);
+                let apart = weave.at(x, y).height - weave.at(x + TILE, y - TILE).height;
+                assert!(apart.abs() < 0.02, "{draft:?} {x} {y}: {apart}");
+                let apart = knit.at(x, y).height - knit.at(x - TILE, y + TILE).height;
+                assert!(apart.abs() < 0.05, "knit {x} {y}: {apart}");
+            }
+        }
+    }
+}
