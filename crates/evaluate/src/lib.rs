@@ -1,1 +1,47 @@
-//! evaluate
+//! Floor 4: how good a method is, measured on materials it never saw (paper §8; spec 6).
+//!
+//! A *protocol* makes test scans, runs the method and its baselines on identical frames and fills a table. [`synthetic`] is the
+//! protocol that every training run ends with; [`table`] writes tables as JSON, CSV and Markdown, [`sheet`] draws contact sheets.
+
+pub mod adjacent;
+pub mod baseline;
+pub mod materials;
+pub mod method;
+pub mod output;
+pub mod report;
+pub mod sheet;
+pub mod synthetic;
+pub mod table;
+
+/// Anything that stops an evaluation.
+#[derive(Debug, thiserror::Error)]
+pub enum EvaluateError {
+    /// The test materials.
+    #[error(transparent)]
+    Materials(#[from] dataset::material::library::LibraryError),
+    /// The alignment refused its input.
+    #[error(transparent)]
+    Align(#[from] flow::align::AlignError),
+    /// The reconstruction refused its input.
+    #[error(transparent)]
+    Fusion(#[from] svbrdf::net::fusion::FusionError),
+    /// The weights.
+    #[error(transparent)]
+    Weights(#[from] ops::weights::WeightsError),
+    /// A picture couldn't be written.
+    #[error(transparent)]
+    Image(#[from] dataset::image_io::ImageError),
+    /// A protocol's setting that can't work.
+    #[error("evaluate: {name} = {found}: {expected}")]
+    Config {
+        /// Its name.
+        name: &'static str,
+        /// Its value.
+        found: String,
+        /// What would do.
+        expected: &'static str,
+    },
+    /// The person or the training run asked to stop.
+    #[error("the evaluation was stopped before it was finished; nothing was written")]
+    Stopped,
+}

@@ -1,2 +1,156 @@
-//! evaluate
-fn main() {}
+//! `evaluate`: the protocols as commands.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, bail};
+use clap::{Parser, Subcommand};
+use dataset::image_io::Overwrite;
+use dataset::material::library::{MaterialLibrary, PbrConfig, ProceduralConfig, SourceConfig};
+use evaluate::method::Method;
+use evaluate::synthetic::{self, SyntheticConfig};
+
+/// Bytes of decoded materials kept in memory.
+const CACHE_BYTES: usize = 1 << 30;
+
+/// Measures trained weights on materials they never saw, beside baselines on identical frames.
+#[derive(Parser)]
+#[command(version)]
+struct Arguments {
+    #[command(subcommand)]
+    protocol: Protocol,
+}
+
+#[derive(Subcommand)]
+enum Protocol {
+    /// Spiral scans of held-out materials: adjacent flow, automatic alignment and maps beside identity alignment, exact warps
+    /// and constant maps. Writes summary.json, table.csv, table.md and a contact sheet per material.
+    Synthetic {
+        /// Folder with adjacent, distant and svbrdf weights and their manifest.json.
+        #[arg(long, default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../../weights"))]
+        weights: PathBuf,
+        /// Folder of PBR material folders, or `procedural`.
+        #[arg(long, default_value = "procedural")]
+        materials: String,
+        /// Folder for the results; it is made if it doesn't exist.
+        #[arg(long)]
+        out: PathBuf,
+        /// Replace results that are there already.
+        #[arg(long)]
+        force: bool,
+        /// A setting of the protocol, e.g. `--set textured=20 --set align.key_frame_step=10`.
+        #[arg(long = "set", value_name = "KEY=VALUE")]
+        settings: Vec<String>,
+        /// Print the resolved settings and stop.
+        #[arg(long)]
+        dry_run: bool,
+        /// Where the nets run; this build has `cpu`.
+        #[arg(long, default_value = "cpu")]
+        device: String,
+    },
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    match run(arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failure::Usage(error)) => report(&error, 2),
+        Err(Failure::Run(error)) => report(&error, 1),
+    }
+}
+
+enum Failure {
+    Usage(anyhow::Error),
+    Run(anyhow::Error),
+}
+
+impl From<anyhow::Error> for Failure {
+    fn from(error: anyhow::Error) -> Self {
+        Self::Run(error)
+    }
+}
+
+fn report(error: &anyhow::Error, code: u8) -> ExitCode {
+    eprintln!("error: {error:#}");
+    ExitCode::from(code)
+}
+
+fn run(Arguments { protocol }: Arguments) -> Result<(), Failure> {
+    let Protocol::Synthetic { weights, materials, out, force, settings, dry_run, device } = protocol;
+    let config = settings_of(&settings).map_err(Failure::Usage)?;
+    if device != "cpu" {
+        let error = anyhow::anyhow!("--device {device}: this build has cpu only; train and evaluate run there");
+        return Err(Failure::Usage(error));
+    }
+    if dry_run {
+        print!("{}", toml::to_string(&config).context("printing the settings")?);
+        return Ok(());
+    }
+    let overwrite = if force { Overwrite::Replace } else { Overwrite::Refuse };
+    if !force && out.join("summary.json").exists() {
+        let error = anyhow::anyhow!("{} holds results already: give another --out, or --force to replace them", out.display());
+        return Err(Failure::Usage(error));
+    }
+    let library = MaterialLibrary::open(&[source(&materials)?], config.seed, CACHE_BYTES).context("opening the materials")?;
+    let method = Method::load(&weights, &burn::tensor::Device::flex()).context("loading the weights")?;
+    std::fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
+    let results = synthetic::run(&library, &method, &config, |r| {
+        let a = flow::align::metrics::summarise(std::slice::from_ref(&r.alignment));
+        println!(
+            "{}: valid {:.3}, pixel error {:.2}, within 20 px {:.2}, map errors {:.4} (constant {:.4})",
+            r.material,
+            a.valid_rate,
+            a.pixel_error,
+            a.within_20px,
+            r.automatic.maps.sum_l1(),
+            r.constant.maps.sum_l1()
+        );
+        true
+    })
+    .context("running the protocol")?;
+    evaluate::output::write(&results, &out, overwrite).context("writing the results")?;
+    println!("{}", std::fs::read_to_string(out.join("table.md")).context("reading the table back")?);
+    Ok(())
+}
+
+fn settings_of(settings: &[String]) -> anyhow::Result<SyntheticConfig> {
+    let mut table = toml::Table::try_from(SyntheticConfig::default()).context("default settings")?;
+    for setting in settings {
+        let (path, value) = setting.split_once('=').with_context(|| format!("--set {setting}: expected KEY=VALUE"))?;
+        let value: toml::Table = toml::from_str(&format!("value = {value}"))
+            .or_else(|_| toml::from_str(&format!("value = {value:?}")))
+            .with_context(|| format!("--set {setting}: the value isn't TOML"))?;
+        insert(&mut table, path, value["value"].clone()).with_context(|| format!("--set {setting}"))?;
+    }
+    let config: SyntheticConfig = table.try_into().context("--set")?;
+    config.validate()?;
+    Ok(config)
+}
+
+fn insert(table: &mut toml::Table, path: &str, value: toml::Value) -> anyhow::Result<()> {
+    let (head, rest) = path.split_once('.').map_or((path, None), |(h, r)| (h, Some(r)));
+    let Some(entry) = table.get_mut(head) else {
+        let names: Vec<&str> = table.keys().map(String::as_str).collect();
+        bail!("there is no setting `{head}`; there are {}", names.join(", "));
+    };
+    match (rest, entry) {
+        (Some(rest), toml::Value::Table(inner)) => insert(inner, rest, value),
+        (Some(_), _) => bail!("`{head}` holds one value, not a table"),
+        (None, entry) => {
+            *entry = value;
+            Ok(())
+        }
+    }
+}
+
+fn source(materials: &str) -> Result<SourceConfig, Failure> {
+    if materials == "procedural" {
+        return Ok(SourceConfig::Procedural(ProceduralConfig::default()));
+    }
+    let path = Path::new(materials);
+    if !path.is_dir() {
+        let error = anyhow::anyhow!("--materials {materials}: expected `procedural` or a folder of material folders, found neither");
+        return Err(Failure::Usage(error));
+    }
+    Ok(SourceConfig::Pbr(PbrConfig::at(path)))
+}
