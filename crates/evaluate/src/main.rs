@@ -86,7 +86,7 @@ fn run(Arguments { protocol }: Arguments) -> Result<(), Failure> {
         print!("{}", toml::to_string(&config).context("printing the settings")?);
         return Ok(());
     }
-    let overwrite = if force { Overwrite::Replace } else { Overwrite::Refuse };
+    let overwrite = if force { Overwrite::Allow } else { Overwrite::Refuse };
     if !force && out.join("summary.json").exists() {
         let error = anyhow::anyhow!("{} holds results already: give another --out, or --force to replace them", out.display());
         return Err(Failure::Usage(error));
@@ -152,5 +152,7 @@ fn source(materials: &str) -> Result<SourceConfig, Failure> {
         let error = anyhow::anyhow!("--materials {materials}: expected `procedural` or a folder of material folders, found neither");
         return Err(Failure::Usage(error));
     }
-    Ok(SourceConfig::Pbr(PbrConfig::at(path)))
+    let config = format!("path = {:?}", path);
+    let config: PbrConfig = toml::from_str(&config).context("--materials")?;
+    Ok(SourceConfig::Pbr(config))
 }
