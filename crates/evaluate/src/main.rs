@@ -149,7 +149,8 @@ fn source(materials: &str) -> Result<SourceConfig, Failure> {
     }
     let path = Path::new(materials);
     if !path.is_dir() {
-        let error = anyhow::anyhow!("--materials {materials}: expected `procedural` or a folder of material folders, found neither");
+        let error =
+            anyhow::anyhow!("--materials {materials}: expected `procedural` or a folder of material folders, found neither");
         return Err(Failure::Usage(error));
     }
     let config = format!("path = {:?}", path);

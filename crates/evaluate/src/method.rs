@@ -39,7 +39,9 @@ impl Method {
 
     /// The aligner with these nets.
     pub fn aligner(&self, config: AlignConfig) -> Aligner<'_> {
-        let estimator = |net: &'_ Pwc| -> &'_ dyn FlowEstimator { net };
+        fn estimator(net: &Pwc) -> &dyn FlowEstimator {
+            net
+        }
         Aligner { config, adjacent: self.adjacent.as_ref().map(estimator), distant: self.distant.as_ref().map(estimator) }
     }
 

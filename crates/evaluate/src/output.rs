@@ -24,7 +24,8 @@ struct Summary<'a> {
 pub fn write(results: &[MaterialResult], folder: &Path, overwrite: Overwrite) -> Result<Figures, EvaluateError> {
     let (figures, rows) = (summary(results), rows(results));
     for result in results {
-        let name: String = result.material.chars().map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect();
+        let name: String =
+            result.material.chars().map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect();
         write_png8(&folder.join(format!("sheet-{name}.png")), &contact_sheet(&result.pictures), overwrite)?;
     }
     write_bytes(&folder.join("table.csv"), csv(&rows).as_bytes(), overwrite)?;

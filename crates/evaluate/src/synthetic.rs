@@ -164,7 +164,13 @@ struct TestScan<'a> {
 }
 
 impl<'a> TestScan<'a> {
-    fn new(material: Arc<Material>, sequence: &SequenceConfig, streams: &Stream, video: u64, config: &'a SyntheticConfig) -> Self {
+    fn new(
+        material: Arc<Material>,
+        sequence: &SequenceConfig,
+        streams: &Stream,
+        video: u64,
+        config: &'a SyntheticConfig,
+    ) -> Self {
         let video = Sequence::new(material, sequence, streams, video);
         let frames = (0..video.len()).map(|i| video.frame(i, config.resolution)).collect();
         Self { video, frames, config }
@@ -193,7 +199,12 @@ impl<'a> TestScan<'a> {
             automatic: errors(&predicted),
             exact: errors(&exactly),
             constant: errors(&constant),
-            pictures: Pictures { guidance: self.frames[0].clone(), aligned: self.aligned_frames(&alignment), predicted, reference },
+            pictures: Pictures {
+                guidance: self.frames[0].clone(),
+                aligned: self.aligned_frames(&alignment),
+                predicted,
+                reference,
+            },
         })
     }
 
@@ -222,7 +233,9 @@ impl<'a> TestScan<'a> {
         let chosen = (0..SHOWN.min(keys.len())).map(|i| &keys[(i + 1) * keys.len() / (SHOWN + 1)]);
         let side = self.config.resolution;
         chosen
-            .map(|k| if k.aligned() { k.aligned_frame(&self.frames[k.index], side, side).0 } else { Planes::new(3, side, side) })
+            .map(
+                |k| if k.aligned() { k.aligned_frame(&self.frames[k.index], side, side).0 } else { Planes::new(3, side, side) },
+            )
             .collect()
     }
 }

@@ -76,6 +76,9 @@ mod tests {
         assert_eq!(text, "material,textured,diffuse_l1,other\n\"a|b, \"\"c\"\"\",true,0.125000,2.000000\n");
         let text = markdown(&rows, &figures);
         assert!(text.contains("| a\\|b, \"c\" | yes |") && text.contains(" 0.1250 |"));
-        assert_eq!(text.lines().filter(|l| l.starts_with('|')).map(|l| l.replace("\\|", "").matches('|').count()).max(), Some(14));
+        assert_eq!(
+            text.lines().filter(|l| l.starts_with('|')).map(|l| l.replace("\\|", "").matches('|').count()).max(),
+            Some(14)
+        );
     }
 }

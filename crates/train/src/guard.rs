@@ -38,7 +38,8 @@ pub struct Array {
 pub fn dump(folder: &Path, stage: &str, step: u64, arrays: &[Array]) -> io::Result<PathBuf> {
     use safetensors::tensor::{Dtype, TensorView};
     std::fs::create_dir_all(folder)?;
-    let bytes: Vec<Vec<u8>> = arrays.iter().map(|array| array.values.iter().flat_map(|value| value.to_le_bytes()).collect()).collect();
+    let bytes: Vec<Vec<u8>> =
+        arrays.iter().map(|array| array.values.iter().flat_map(|value| value.to_le_bytes()).collect()).collect();
     let views = arrays
         .iter()
         .zip(&bytes)
@@ -56,7 +57,8 @@ mod tests {
 
     #[test]
     fn the_first_bad_term_is_named() {
-        let row = |values: [f64; 3]| ["total", "maps", "renderings"].map(String::from).into_iter().zip(values).collect::<Vec<_>>();
+        let row =
+            |values: [f64; 3]| ["total", "maps", "renderings"].map(String::from).into_iter().zip(values).collect::<Vec<_>>();
         assert_eq!(check(&row([1.0, 0.0, -3.0])), Ok(()));
         assert_eq!(check(&row([1.0, f64::INFINITY, f64::NAN])).unwrap_err().term, "maps");
     }

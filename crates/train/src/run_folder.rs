@@ -5,8 +5,18 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Everything the program itself puts into a run folder; `--force` removes these and nothing else.
-const OWN: [&str; 10] =
-    ["config.toml", "run.json", "metrics.jsonl", "tb", "previews", "checkpoints", "weights", "failures", "report.json", "report"];
+const OWN: [&str; 10] = [
+    "config.toml",
+    "run.json",
+    "metrics.jsonl",
+    "tb",
+    "previews",
+    "checkpoints",
+    "weights",
+    "failures",
+    "report.json",
+    "report",
+];
 const LOCK: &str = "run.lock";
 
 /// A run folder that can't be used.
@@ -62,7 +72,8 @@ impl RunFolder {
     /// # Errors
     /// A folder that isn't empty (without `force`), that no run wrote, that is in use, or that can't be written.
     pub fn create(path: &Path, force: bool) -> Result<Self, FolderError> {
-        let occupied = fs::read_dir(path).is_ok_and(|mut entries| entries.any(|entry| entry.is_ok_and(|e| e.file_name() != LOCK)));
+        let occupied =
+            fs::read_dir(path).is_ok_and(|mut entries| entries.any(|entry| entry.is_ok_and(|e| e.file_name() != LOCK)));
         if (occupied || path.is_file()) && !force {
             return Err(FolderError::Exists { path: path.into() });
         }

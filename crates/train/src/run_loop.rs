@@ -123,7 +123,11 @@ pub struct Trained<N> {
 ///
 /// # Errors
 /// See [`TrainError`]; everything written before stays whole.
-pub fn train<S: Stage>(stage: &S, around: &mut Surroundings<'_>, from: Option<Checkpoint>) -> Result<Outcome<S::Net>, TrainError> {
+pub fn train<S: Stage>(
+    stage: &S,
+    around: &mut Surroundings<'_>,
+    from: Option<Checkpoint>,
+) -> Result<Outcome<S::Net>, TrainError> {
     let steps = stage.steps() as u64;
     let mut run = StageRun::begin(stage, around, from)?;
     while run.state.step < steps {
@@ -204,7 +208,18 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         let progress = Progress::new(stage.name(), state.step, stage.steps() as u64);
         let seconds_before = state.seconds;
         Ok(Self {
-            stage, around, net, adam, average, producer, streams, state, progress, measured: None, began: Instant::now(), seconds_before,
+            stage,
+            around,
+            net,
+            adam,
+            average,
+            producer,
+            streams,
+            state,
+            progress,
+            measured: None,
+            began: Instant::now(),
+            seconds_before,
         })
     }
 
@@ -310,7 +325,9 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         let from = self.around.store.newest(name, &self.around.device)?;
         self.progress.say(&format!(
             "{name}, step {}: the term `{term}` is {value}; going back to step {} and skipping batch {batch} ({})",
-            self.state.step, from.as_ref().map_or(0, |checkpoint| checkpoint.state.step), dump.display()
+            self.state.step,
+            from.as_ref().map_or(0, |checkpoint| checkpoint.state.step),
+            dump.display()
         ));
         self.restore(from, skipped)
     }
@@ -338,7 +355,11 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         let measured = self.measured.as_ref().map(|(name, value)| (name.as_str(), *value));
         let StepRow { values, samples_per_second, waiting } = row;
         self.progress.show(&Status {
-            step, losses: &values[..shown], measured, samples_per_second: *samples_per_second, waiting: *waiting,
+            step,
+            losses: &values[..shown],
+            measured,
+            samples_per_second: *samples_per_second,
+            waiting: *waiting,
         });
         Ok(())
     }

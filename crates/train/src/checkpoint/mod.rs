@@ -93,7 +93,10 @@ pub enum CheckpointError {
 fn offer(previous: &Option<(PathBuf, u64)>) -> String {
     match previous {
         Some((path, step)) => {
-            format!("\n  = the one before it is whole (step {step}): add `--checkpoint {}` to continue from there", path.display())
+            format!(
+                "\n  = the one before it is whole (step {step}): add `--checkpoint {}` to continue from there",
+                path.display()
+            )
         }
         None => "\n  = there is no earlier checkpoint of this stage: remove the file to start the stage anew".into(),
     }

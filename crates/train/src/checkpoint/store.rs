@@ -102,9 +102,17 @@ mod tests {
     }
 
     fn checkpoint(step: u64) -> Checkpoint {
-        let tensors = |x: f32| NamedTensors::from([("a.0.weight".to_string(), from_vec(vec![x, -0.0, f32::MIN_POSITIVE], &Device::flex()))]);
+        let tensors = |x: f32| {
+            NamedTensors::from([("a.0.weight".to_string(), from_vec(vec![x, -0.0, f32::MIN_POSITIVE], &Device::flex()))])
+        };
         let state = State { stage: "adjacent".into(), step, seconds: 0.1 + 0.2, fingerprint: "f".into(), ..State::default() };
-        Checkpoint { state, weights: tensors(1.0 / 3.0), average: NamedTensors::new(), first: tensors(2.0), second: tensors(3.0) }
+        Checkpoint {
+            state,
+            weights: tensors(1.0 / 3.0),
+            average: NamedTensors::new(),
+            first: tensors(2.0),
+            second: tensors(3.0),
+        }
     }
 
     fn saved() -> (tempfile::TempDir, Vec<PathBuf>) {
@@ -139,7 +147,8 @@ mod tests {
         *flipped.last_mut().unwrap() ^= 1;
         for bad in [&good[..good.len() - 1], &good[..40], &[][..], &flipped[..], b"not a checkpoint at all"] {
             std::fs::write(&paths[2], bad).unwrap();
-            let Err(CheckpointError::Refused { refused, previous }) = store(home.path()).newest("adjacent", &Device::flex()) else {
+            let Err(CheckpointError::Refused { refused, previous }) = store(home.path()).newest("adjacent", &Device::flex())
+            else {
                 panic!("{} bytes were accepted", bad.len());
             };
             assert!(matches!(*refused, CheckpointError::Damaged { .. }), "{refused}");

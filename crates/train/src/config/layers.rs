@@ -60,7 +60,8 @@ pub fn from_assignment(assignment: &str) -> Result<Layer, ConfigError> {
     let origin = "--set".to_string();
     let Some((key, value)) = assignment.split_once('=') else {
         let help = vec!["write it as `--set table.key=value`, for example `--set svbrdf.steps=200`".to_string()];
-        let shown = Diagnosis::at(&origin, assignment, Some(0..assignment.len()), "there is no `=` in this assignment".into(), help);
+        let shown =
+            Diagnosis::at(&origin, assignment, Some(0..assignment.len()), "there is no `=` in this assignment".into(), help);
         return Err(ConfigError::Text(Box::new(shown)));
     };
     let is_toml = format!("value = {value}").parse::<toml::Table>().is_ok_and(|table| table.len() == 1);

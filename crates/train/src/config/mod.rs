@@ -13,7 +13,8 @@ mod validate;
 pub use diagnosis::Diagnosis;
 pub use lookup::{config_folders, find};
 pub use tables::{
-    Adam, Checkpointing, Config, FlowInit, FlowNet, FlowTable, Materials, OnNan, Optimisation, PairStage, Report, Run, Schedule, SvbrdfStage,
+    Adam, Checkpointing, Config, FlowInit, FlowNet, FlowTable, Materials, OnNan, Optimisation, PairStage, Report, Run,
+    Schedule, SvbrdfStage,
 };
 pub use validate::Invalid;
 

@@ -97,7 +97,9 @@ impl TryFrom<String> for FlowInit {
             "weights" => Ok(Self::Weights),
             "none" => Ok(Self::None),
             path if path.ends_with(".safetensors") => Ok(Self::File(path.into())),
-            other => Err(format!("`{other}` is no start for the flow nets: expected `weights`, `none` or the path of a .safetensors file")),
+            other => Err(format!(
+                "`{other}` is no start for the flow nets: expected `weights`, `none` or the path of a .safetensors file"
+            )),
         }
     }
 }
@@ -226,7 +228,12 @@ impl Default for PairStage {
             teacher_forcing: 0.7,
             matching: 0.1,
             validation_pairs: 16,
-            optimisation: Optimisation { learning_rate: 2e-3, schedule: Schedule::OneCycle, warm_up: 50, ..Optimisation::default() },
+            optimisation: Optimisation {
+                learning_rate: 2e-3,
+                schedule: Schedule::OneCycle,
+                warm_up: 50,
+                ..Optimisation::default()
+            },
         }
     }
 }

@@ -85,10 +85,25 @@ impl Config {
         let name = &self.run.name;
         let is_folder = name.chars().all(plain) && !name.starts_with('.');
         findings.require(is_folder, "run.name", format!("\"{name}\""), "a folder name of letters, digits, `-`, `_` and `.`");
-        findings.require((1..=256).contains(&self.run.data_workers), "run.data_workers", self.run.data_workers, "1 to 256 threads");
-        findings.require(self.checkpoint.every_steps >= 1, "checkpoint.every_steps", self.checkpoint.every_steps, "at least 1 step");
+        findings.require(
+            (1..=256).contains(&self.run.data_workers),
+            "run.data_workers",
+            self.run.data_workers,
+            "1 to 256 threads",
+        );
+        findings.require(
+            self.checkpoint.every_steps >= 1,
+            "checkpoint.every_steps",
+            self.checkpoint.every_steps,
+            "at least 1 step",
+        );
         // One alone could be the truncated one.
-        findings.require(self.checkpoint.keep_last >= 2, "checkpoint.keep_last", self.checkpoint.keep_last, "at least 2, so that a damaged one has a predecessor");
+        findings.require(
+            self.checkpoint.keep_last >= 2,
+            "checkpoint.keep_last",
+            self.checkpoint.keep_last,
+            "at least 2, so that a damaged one has a predecessor",
+        );
         check_pairs(&mut findings, &self.chairs, &pair_keys!("chairs"), &keys!("chairs"));
         check_pairs(&mut findings, &self.adjacent, &pair_keys!("adjacent"), &keys!("adjacent"));
         check_pairs(&mut findings, &self.distant, &pair_keys!("distant"), &keys!("distant"));
@@ -104,7 +119,12 @@ impl Config {
         findings.require(halvings, "svbrdf.resolution", stage.resolution, "a power of two from 32 to 2048 pixels");
         let range = format!("[{fewest}, {most}]");
         findings.require(fewest <= most && most <= 28, "svbrdf.key_frames", range, "[fewest, most] with fewest ≤ most ≤ 28");
-        findings.require(stage.validation_exemplars >= 1, "svbrdf.validation_exemplars", stage.validation_exemplars, "at least 1");
+        findings.require(
+            stage.validation_exemplars >= 1,
+            "svbrdf.validation_exemplars",
+            stage.validation_exemplars,
+            "at least 1",
+        );
         check_optimisation(findings, &stage.optimisation, &keys!("svbrdf"));
     }
 }
@@ -125,8 +145,18 @@ fn check_pairs(findings: &mut Findings, stage: &PairStage, keys: &PairKeys, opti
 fn check_optimisation(findings: &mut Findings, plan: &Optimisation, keys: &OptimisationKeys) {
     let rate = plan.learning_rate > 0.0 && plan.learning_rate <= 1.0;
     findings.require(rate, keys.learning_rate, plan.learning_rate, "a rate above 0 and up to 1");
-    findings.require((0.0..1.0).contains(&plan.adam.beta1), keys.beta1, plan.adam.beta1, "a decay from 0 up to, not including, 1");
-    findings.require((0.0..1.0).contains(&plan.adam.beta2), keys.beta2, plan.adam.beta2, "a decay from 0 up to, not including, 1");
+    findings.require(
+        (0.0..1.0).contains(&plan.adam.beta1),
+        keys.beta1,
+        plan.adam.beta1,
+        "a decay from 0 up to, not including, 1",
+    );
+    findings.require(
+        (0.0..1.0).contains(&plan.adam.beta2),
+        keys.beta2,
+        plan.adam.beta2,
+        "a decay from 0 up to, not including, 1",
+    );
     findings.require(plan.adam.epsilon > 0.0, keys.epsilon, plan.adam.epsilon, "more than 0");
     findings.require(plan.weight_decay >= 0.0, keys.weight_decay, plan.weight_decay, "0 or more");
     findings.require(plan.clip >= 0.0, keys.clip, plan.clip, "0 (off) or a positive norm");

@@ -62,7 +62,11 @@ fn finished(outcome: Result<Outcome<Line>, TrainError>) -> Box<Trained<Line>> {
 /// Losses and gradient norms by step, as bits.
 fn curve(folder: &Path) -> Vec<(u64, u64, u64)> {
     let read = |name| read_steps(&folder.join("metrics.jsonl"), Kind::Train, name).unwrap();
-    read("loss").iter().zip(read("gradient_norm")).map(|((_, step, loss), (_, _, norm))| (*step, loss.to_bits(), norm.to_bits())).collect()
+    read("loss")
+        .iter()
+        .zip(read("gradient_norm"))
+        .map(|((_, step, loss), (_, _, norm))| (*step, loss.to_bits(), norm.to_bits()))
+        .collect()
 }
 
 fn new_run(name: &str) -> (tempfile::TempDir, std::path::PathBuf) {

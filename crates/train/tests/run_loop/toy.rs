@@ -110,7 +110,8 @@ impl Stage for Toy {
     }
 
     fn arrays(&self, item: &Points) -> Vec<Array> {
-        let array = |name: &str, values: &[f32]| Array { name: name.into(), shape: vec![values.len()], values: values.to_vec() };
+        let array =
+            |name: &str, values: &[f32]| Array { name: name.into(), shape: vec![values.len()], values: values.to_vec() };
         vec![array("x", &item.x), array("y", &item.y)]
     }
 }
