@@ -5,6 +5,11 @@ use render::texel::Texel;
 
 /// A tile of 512² texels with smooth colours, normals and roughness, none of them symmetric.
 pub(crate) fn material() -> Arc<Material> {
+    static MATERIAL: std::sync::OnceLock<Arc<Material>> = std::sync::OnceLock::new();
+    Arc::clone(MATERIAL.get_or_init(waves))
+}
+
+fn waves() -> Arc<Material> {
     let size = 512;
     let info = MaterialInfo {
         name: "waves".into(),
