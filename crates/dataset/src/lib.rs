@@ -1,5 +1,6 @@
 //! Synthetic scanning sequences: materials, camera paths, frames with exact flow and target maps.
 
+pub mod capture;
 pub mod chairs;
 pub mod exemplar;
 pub mod image_io;
