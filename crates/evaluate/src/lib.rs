@@ -6,7 +6,6 @@
 pub mod adjacent;
 pub mod baseline;
 pub mod materials;
-pub mod method;
 pub mod output;
 pub mod report;
 pub mod sheet;

@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use clap::{Parser, Subcommand};
 use dataset::image_io::Overwrite;
 use dataset::material::library::{MaterialLibrary, PbrConfig, ProceduralConfig, SourceConfig};
-use evaluate::method::Method;
 use evaluate::synthetic::{self, SyntheticConfig};
+use scan::nets::ScanNets;
 
 /// Bytes of decoded materials kept in memory.
 const CACHE_BYTES: usize = 1 << 30;
@@ -92,7 +92,7 @@ fn run(Arguments { protocol }: Arguments) -> Result<(), Failure> {
         return Err(Failure::Usage(error));
     }
     let library = MaterialLibrary::open(&[source(&materials)?], config.seed, CACHE_BYTES).context("opening the materials")?;
-    let method = Method::load(&weights, &burn::tensor::Device::flex()).context("loading the weights")?;
+    let method = ScanNets::load(&weights, &burn::tensor::Device::flex()).context("loading the weights")?;
     std::fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
     let results = synthetic::run(&library, &method, &config, |r| {
         let a = flow::align::metrics::summarise(std::slice::from_ref(&r.alignment));
@@ -114,33 +114,9 @@ fn run(Arguments { protocol }: Arguments) -> Result<(), Failure> {
 }
 
 fn settings_of(settings: &[String]) -> anyhow::Result<SyntheticConfig> {
-    let mut table = toml::Table::try_from(SyntheticConfig::default()).context("default settings")?;
-    for setting in settings {
-        let (path, value) = setting.split_once('=').with_context(|| format!("--set {setting}: expected KEY=VALUE"))?;
-        let value: toml::Table = toml::from_str(&format!("value = {value}"))
-            .or_else(|_| toml::from_str(&format!("value = {value:?}")))
-            .with_context(|| format!("--set {setting}: the value isn't TOML"))?;
-        insert(&mut table, path, value["value"].clone()).with_context(|| format!("--set {setting}"))?;
-    }
-    let config: SyntheticConfig = table.try_into().context("--set")?;
+    let config: SyntheticConfig = scan::settings::overlay(&SyntheticConfig::default(), settings)?;
     config.validate()?;
     Ok(config)
-}
-
-fn insert(table: &mut toml::Table, path: &str, value: toml::Value) -> anyhow::Result<()> {
-    let (head, rest) = path.split_once('.').map_or((path, None), |(h, r)| (h, Some(r)));
-    let Some(entry) = table.get_mut(head) else {
-        let names: Vec<&str> = table.keys().map(String::as_str).collect();
-        bail!("there is no setting `{head}`; there are {}", names.join(", "));
-    };
-    match (rest, entry) {
-        (Some(rest), toml::Value::Table(inner)) => insert(inner, rest, value),
-        (Some(_), _) => bail!("`{head}` holds one value, not a table"),
-        (None, entry) => {
-            *entry = value;
-            Ok(())
-        }
-    }
 }
 
 fn source(materials: &str) -> Result<SourceConfig, Failure> {

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use dataset::exemplar::Exemplar;
 use dataset::material::library::MaterialLibrary;
 use dataset::material::stored::Material;
 use dataset::sequence::{Sequence, SequenceConfig};
@@ -15,6 +14,7 @@ use ops::planes::Planes;
 use render::brdf::BrdfModel;
 use render::svbrdf::SvbrdfImage;
 use render::views::EvaluationViews;
+use scan::nets::{ScanNets, key_frame};
 use serde::{Deserialize, Serialize};
 use svbrdf::constants::ConstantMaps;
 use svbrdf::metrics::{MapErrors, RenderErrors};
@@ -23,7 +23,6 @@ use crate::EvaluateError;
 use crate::adjacent::{AdjacentErrors, adjacent_errors};
 use crate::baseline::constant_maps;
 use crate::materials::held_out;
-use crate::method::{Method, key_frame};
 
 /// Budget and sizes of the protocol.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -133,7 +132,7 @@ pub struct Pictures {
 /// See [`EvaluateError`].
 pub fn run(
     library: &MaterialLibrary,
-    method: &Method,
+    method: &ScanNets,
     config: &SyntheticConfig,
     mut progress: impl FnMut(&MaterialResult) -> bool,
 ) -> Result<Vec<MaterialResult>, EvaluateError> {
@@ -176,7 +175,7 @@ impl<'a> TestScan<'a> {
         Self { video, frames, config }
     }
 
-    fn measure(&self, method: &Method, constants: &ConstantMaps) -> Result<MaterialResult, EvaluateError> {
+    fn measure(&self, method: &ScanNets, constants: &ConstantMaps) -> Result<MaterialResult, EvaluateError> {
         let alignment = method.aligner(self.config.align.clone()).align(&self.frames, None)?;
         let exact: Vec<Homography> =
             alignment.key_frames.iter().map(|k| self.video.homography(0, k.index, self.config.resolution)).collect();
@@ -185,7 +184,7 @@ impl<'a> TestScan<'a> {
         let reference = self.video.target_maps(0, self.config.map_resolution);
         let predicted = self.maps_by(method, &alignment)?;
         let indices: Vec<usize> = alignment.key_frames.iter().map(|k| k.index).collect();
-        let exactly = method.maps_of_exemplar(&Exemplar::of(&self.video, 0, &indices, self.config.map_resolution))?;
+        let exactly = self.maps_by_exact_warps(method, &indices)?;
         let constant = constants.to_image(self.config.map_resolution, self.config.map_resolution);
         let errors = |maps: &SvbrdfImage| errors_between(maps, &reference);
         let dropped = alignment.key_frames.iter().filter(|k| !k.aligned()).count();
@@ -216,14 +215,20 @@ impl<'a> TestScan<'a> {
         (0..count).map(|i| pair(first(i))).collect()
     }
 
-    fn maps_by(&self, method: &Method, alignment: &Alignment) -> Result<SvbrdfImage, EvaluateError> {
+    fn maps_by(&self, method: &ScanNets, alignment: &Alignment) -> Result<SvbrdfImage, EvaluateError> {
         let side = self.config.map_resolution;
         let factor = side as f64 / self.config.resolution as f64;
         let keys = alignment.key_frames.iter().filter(|k| k.aligned()).map(|k| {
             let warp = k.homography.scaled(factor, factor);
-            key_frame(self.video.frame(k.index, side), warp.flow(side, side), warp.valid(side, side, side, side))
+            key_frame(self.video.frame(k.index, side), (warp.flow(side, side), warp.valid(side, side, side, side)))
         });
-        method.maps(&self.video.frame(0, side), keys)
+        Ok(method.maps(&self.video.frame(0, side), keys)?)
+    }
+
+    fn maps_by_exact_warps(&self, method: &ScanNets, indices: &[usize]) -> Result<SvbrdfImage, EvaluateError> {
+        let side = self.config.map_resolution;
+        let keys = indices.iter().map(|&i| key_frame(self.video.frame(i, side), self.video.flow(0, i, side)));
+        Ok(method.maps(&self.video.frame(0, side), keys)?)
     }
 
     fn aligned_frames(&self, alignment: &Alignment) -> Vec<Planes> {

@@ -1,1 +1,11 @@
-//! scan
+//! Floor 3: from a clip to a material on disk (paper §3, Fig. 1).
+//!
+//! [`nets`] are the trained nets, [`reconstruct`] goes from frames to maps, [`export`] writes maps and what other programs need
+//! to know about them, [`report`] shows how the capture went.
+
+pub mod export;
+pub mod nets;
+pub mod output;
+pub mod reconstruct;
+pub mod report;
+pub mod settings;

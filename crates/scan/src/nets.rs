@@ -1,21 +1,20 @@
-//! The method under test: its nets and how it uses them.
+//! The three trained nets of a scan and how they are used.
 
 use std::path::Path;
 
 use burn::tensor::Device;
-use dataset::exemplar::Exemplar;
 use flow::align::{AlignConfig, Aligner, FlowEstimator};
 use flow::pwc::Pwc;
+use flow::weights::FlowNets;
 use ops::planes::{Mask, Planes};
+use ops::weights::WeightsError;
 use render::svbrdf::SvbrdfImage;
 use svbrdf::net::SvbrdfNet;
-use svbrdf::net::fusion::KeyFrame;
+use svbrdf::net::fusion::{FusionError, KeyFrame};
 
-use crate::EvaluateError;
-
-/// The three trained nets; the flow nets may be absent, the alignment then works with its classical candidates alone.
+/// The nets; the flow nets may be absent, the alignment then works with its classical candidates alone.
 #[derive(Debug)]
-pub struct Method {
+pub struct ScanNets {
     /// For neighbouring frames.
     pub adjacent: Option<Pwc>,
     /// For a roughly aligned key frame and the guidance image.
@@ -26,13 +25,13 @@ pub struct Method {
     pub device: Device,
 }
 
-impl Method {
+impl ScanNets {
     /// Reads all three nets from a folder of weights.
     ///
     /// # Errors
     /// If a file is missing, broken or doesn't fit its architecture.
-    pub fn load(folder: &Path, device: &Device) -> Result<Self, EvaluateError> {
-        let nets = flow::weights::FlowNets::load(folder, device)?;
+    pub fn load(folder: &Path, device: &Device) -> Result<Self, WeightsError> {
+        let nets = FlowNets::load(folder, device)?;
         let (svbrdf, _) = svbrdf::weights::load(folder, device)?;
         Ok(Self { adjacent: Some(nets.adjacent), distant: Some(nets.distant), svbrdf, device: device.clone() })
     }
@@ -45,26 +44,16 @@ impl Method {
         Aligner { config, adjacent: self.adjacent.as_ref().map(estimator), distant: self.distant.as_ref().map(estimator) }
     }
 
-    /// Maps of the guidance frame from key frames and their warps.
+    /// Maps of the guidance frame from key frames and their warps, one key frame in memory at a time.
     ///
     /// # Errors
     /// If sizes differ.
-    pub fn maps(&self, guidance: &Planes, keys: impl IntoIterator<Item = KeyFrame>) -> Result<SvbrdfImage, EvaluateError> {
-        Ok(self.svbrdf.reconstruct(guidance, keys, &self.device)?)
-    }
-
-    /// Maps of an exemplar with its exact warps.
-    ///
-    /// # Errors
-    /// If sizes differ.
-    pub fn maps_of_exemplar(&self, exemplar: &Exemplar) -> Result<SvbrdfImage, EvaluateError> {
-        let keys = exemplar.frames[1..].iter().zip(&exemplar.flows).zip(&exemplar.valid);
-        let keys = keys.map(|((frame, flow), valid)| key_frame(frame.clone(), flow.clone(), valid.clone()));
-        self.maps(&exemplar.frames[0], keys)
+    pub fn maps(&self, guidance: &Planes, keys: impl IntoIterator<Item = KeyFrame>) -> Result<SvbrdfImage, FusionError> {
+        self.svbrdf.reconstruct(guidance, keys, &self.device)
     }
 }
 
 /// A key frame with its warp.
-pub fn key_frame(frame: Planes, flow: Planes, valid: Mask) -> KeyFrame {
+pub fn key_frame(frame: Planes, (flow, valid): (Planes, Mask)) -> KeyFrame {
     KeyFrame { frame, flow, valid: Some(valid) }
 }
