@@ -17,7 +17,10 @@ use scan::settings;
 
 /// Turns a flash-lit phone video of a flat material into diffuse, specular, roughness and normal maps.
 #[derive(Parser)]
-#[command(version, after_help = "Exit codes: 0 done, 1 failed, 2 bad usage or config, 3 alignment failed, 4 done but the capture is poor.")]
+#[command(
+    version,
+    after_help = "Exit codes: 0 done, 1 failed, 2 bad usage or config, 3 alignment failed, 4 done but the capture is poor."
+)]
 struct Arguments {
     /// A video (read through ffmpeg), a folder of frames, or a .npy array [frames, height, width, 3].
     clip: PathBuf,

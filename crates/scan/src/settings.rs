@@ -63,7 +63,11 @@ fn insert(table: &mut toml::Table, path: &str, value: toml::Value, setting: &str
         _ => Err(SettingError::Unknown {
             setting: setting.into(),
             name: path.into(),
-            nearest: known.iter().max_by(|a, b| strsim::jaro(a, head).total_cmp(&strsim::jaro(b, head))).cloned().unwrap_or_default(),
+            nearest: known
+                .iter()
+                .max_by(|a, b| strsim::jaro(a, head).total_cmp(&strsim::jaro(b, head)))
+                .cloned()
+                .unwrap_or_default(),
             known: known.join(", "),
         }),
     }
