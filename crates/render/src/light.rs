@@ -164,9 +164,10 @@ fn direction(row: usize, column: usize, rows: usize, columns: usize) -> [f32; 3]
 }
 
 /// Why an environment can't be used.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum EnvironmentError {
     /// The number of values doesn't fit the size.
+    #[error("an environment of {rows}×{columns} pixels needs {} values and at least one, found {found}", rows * columns)]
     Size {
         /// Rows announced.
         rows: usize,
@@ -176,6 +177,10 @@ pub enum EnvironmentError {
         found: usize,
     },
     /// A value is negative or not finite.
+    #[error(
+        "the environment's pixel at row {row}, column {column} is negative or not finite; expected linear radiance of at \
+         least 0: store the picture as EXR or Radiance HDR without such pixels"
+    )]
     Value {
         /// Row of the first such value.
         row: usize,
@@ -183,23 +188,6 @@ pub enum EnvironmentError {
         column: usize,
     },
 }
-
-impl std::fmt::Display for EnvironmentError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Size { rows, columns, found } => {
-                write!(f, "an environment of {rows}×{columns} pixels needs {} values, found {found}", rows * columns)
-            }
-            Self::Value { row, column } => write!(
-                f,
-                "the environment's pixel at row {row}, column {column} is negative or not finite; expected linear radiance ≥ 0 \
-                 (is the file really HDR?)"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for EnvironmentError {}
 
 #[cfg(test)]
 mod tests {
@@ -227,8 +215,8 @@ mod tests {
         let model = BrdfModel::default();
         let lobe = |light: Light| radiance(&texel, [0.0; 3], [0.0, 0.0, 1.0], &[light], model);
         let both = radiance(&texel, [0.0; 3], [0.0, 0.0, 1.0], &[sun, lamp], model);
-        for c in 0..3 {
-            assert!((both[c] - lobe(sun)[c] - lobe(lamp)[c]).abs() < 1e-6);
+        for (c, both) in both.into_iter().enumerate() {
+            assert!((both - lobe(sun)[c] - lobe(lamp)[c]).abs() < 1e-6);
         }
         assert!(lobe(sun)[2] >= 0.8 && lobe(lamp)[1] == 0.0);
     }

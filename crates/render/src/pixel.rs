@@ -21,12 +21,10 @@ pub fn shade(texel: &Texel, wi: [f32; 3], wo: [f32; 3], model: BrdfModel) -> [f3
         SpecularModel::Ggx => fresnel::schlick_weight(vh),
         SpecularModel::GgxClamped => fresnel::gaussian_weight(vh),
     };
-    let mut out = [0.0; 3];
-    for c in 0..3 {
+    std::array::from_fn(|c| {
         let diffuse = diffuse::term(model.diffuse, texel.diffuse[c], texel.specular[c]);
-        out[c] = nl * (diffuse + lobe * fresnel::reflectance(texel.specular[c], weight));
-    }
-    out
+        nl * (diffuse + lobe * fresnel::reflectance(texel.specular[c], weight))
+    })
 }
 
 /// D·G / (4 n·wi n·wo): the specular BRDF without its Fresnel term.

@@ -18,7 +18,7 @@ pub const LOSS_INTENSITY: f32 = 1.5 * PI;
 /// Smallest wi.z by which the loss renderings are divided.
 pub const LOSS_COSINE_MIN: f32 = 1e-3;
 /// Distance of the evaluation's cameras: [−1, 1] fills a field of view of 30°, 1/tan 15°.
-pub const EVALUATION_DISTANCE: f32 = 3.732_050_8;
+pub const EVALUATION_DISTANCE: f32 = 3.732_051;
 /// Intensity of the evaluation's flash.
 pub const EVALUATION_INTENSITY: f32 = 17.8;
 /// Cone exponent of the evaluation's flash, e^1.6.

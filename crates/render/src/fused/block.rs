@@ -1,5 +1,7 @@
 //! Sixty-four pixels of one row at a time, as arrays: loops over them hold no branch and no call, so that they vectorise.
 
+#![allow(clippy::needless_range_loop, reason = "lockstep loops over a dozen arrays are plainest with one index")]
+
 use std::f32::consts::FRAC_1_PI;
 
 use super::lobe::{self, LobeInput};
