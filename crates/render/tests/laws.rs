@@ -51,7 +51,7 @@ fn swapping_light_and_viewer_changes_nothing() {
 fn nothing_is_negative_or_infinite() {
     for model in models() {
         for r in [0.0, 0.01, 0.05, 0.5, 1.0] {
-            for tilt in [0.0, 0.8, 1.5, 1.57079, 1.5708, 2.2] {
+            for tilt in [0.0, 0.8, 1.5, 0.49999 * PI, 0.50001 * PI, 2.2] {
                 for azimuth in [0.0, 1.0, PI] {
                     let value = shade(&texel(r), at(tilt, 0.0), at(tilt, azimuth), model);
                     assert!(value.iter().all(|v| v.is_finite() && *v >= 0.0), "{model:?} r {r} tilt {tilt}: {value:?}");
@@ -111,8 +111,8 @@ fn a_mirror_of_microfacets_reflects_at_most_everything() {
 #[test]
 fn terms_have_their_hand_values() {
     // r = 0.1: alpha = 0.01; exact peak 1/(π alpha²) = 3183, the authors' clamp gives (0.01/0.001)²/π = 31.8.
-    assert!((ndf::ggx(1e-4, 1.0, 0.0) - 3183.0988).abs() < 0.1);
-    assert!((ndf::ggx_clamped(0.01, 1.0) - 31.830_989).abs() < 1e-4);
+    assert!((ndf::ggx(1e-4, 1.0, 0.0) - 3183.1).abs() < 0.1);
+    assert!((ndf::ggx_clamped(0.01, 1.0) - 31.830_99).abs() < 1e-4);
     // Above r = 0.178 the clamp doesn't touch the peak.
     let alpha = 0.2f32 * 0.2;
     assert!((ndf::ggx_clamped(alpha, 1.0) / ndf::ggx(alpha * alpha, 1.0, 0.0) - 1.0).abs() < 1e-3);
