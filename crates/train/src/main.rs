@@ -1,2 +1,5 @@
-//! The trainer's command line.
-fn main() {}
+//! The `train` program; everything is in the library.
+
+fn main() -> std::process::ExitCode {
+    train::cli::main()
+}

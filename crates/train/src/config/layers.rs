@@ -71,7 +71,8 @@ pub fn from_assignment(assignment: &str) -> Result<Layer, ConfigError> {
 
 /// Lays the layers over each other: tables are merged, every other value is replaced.
 pub fn merge(layers: &[Layer]) -> Result<Config, ConfigError> {
-    let mut merged = toml::Table::new();
+    // The defaults lie below: a table that is given in part keeps this program's defaults, not those of its type.
+    let mut merged = toml::Table::try_from(Config::default()).map_err(|error| ConfigError::Merge(error.to_string()))?;
     for layer in layers {
         overlay(&mut merged, &layer.table);
     }
@@ -89,16 +90,15 @@ fn overlay(base: &mut toml::Table, top: &toml::Table) {
     }
 }
 
-/// Shows an impossible value at the place of the topmost layer that wrote it.
+/// Shows an impossible value at the place of the topmost layer that wrote it (or the table it stands in).
 pub fn locate(layers: &[Layer], problem: &Invalid) -> Diagnosis {
-    let message = format!("`{}` is {}", problem.key, problem.found);
-    let help = vec![format!("expected {}", problem.expected)];
+    let help = Vec::from_iter(problem.expected.clone());
     for layer in layers.iter().rev() {
-        if let Some(span) = span_of(&layer.text, problem.key) {
-            return Diagnosis::at(&layer.origin, &layer.text, Some(span), message, help);
+        if let Some(span) = span_of(&layer.text, &problem.key) {
+            return Diagnosis::at(&layer.origin, &layer.text, Some(span), problem.found.clone(), help);
         }
     }
-    Diagnosis::at("default", "", None, message, help)
+    Diagnosis::at("default", "", None, problem.found.clone(), help)
 }
 
 fn span_of(text: &str, key: &str) -> Option<Range<usize>> {

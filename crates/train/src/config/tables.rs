@@ -1,9 +1,18 @@
 //! The tables of a config file. Every key has a default; an unknown one is an error.
 
+use dataset::chairs::ChairsConfig;
+use dataset::exemplar::ExemplarConfig;
+use dataset::material::library::{ProceduralConfig, SourceConfig};
+use dataset::pair::PairConfig;
+use dataset::sequence::SequenceConfig;
+use flow::loss::FlowLossConfig;
+use flow::pwc::PwcConfig;
 use serde::{Deserialize, Serialize};
+use svbrdf::loss::LossConfig;
+use svbrdf::net::SvbrdfNetConfig;
 
 /// Everything a run is made of.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
     /// The config below this one, by name or path; gone once the layers are merged.
@@ -11,12 +20,12 @@ pub struct Config {
     pub extends: Option<String>,
     /// Name, seed, workers.
     pub run: Run,
-    /// Where materials come from.
-    pub materials: Materials,
+    /// Where materials come from, one `[[materials]]` table per source.
+    pub materials: Vec<SourceConfig>,
     /// The flow net and what it starts from.
     pub flow: FlowTable,
     /// Pre-training of the flow net on image pairs without a material (FlyingChairs style).
-    pub chairs: PairStage,
+    pub chairs: ChairsStage,
     /// Flow between neighbouring frames.
     pub adjacent: PairStage,
     /// Flow that remains between the guidance image and an aligned key frame.
@@ -27,6 +36,24 @@ pub struct Config {
     pub report: Report,
     /// When checkpoints are written and how many stay.
     pub checkpoint: Checkpointing,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            extends: None,
+            run: Run::default(),
+            materials: vec![SourceConfig::Procedural(ProceduralConfig::default())],
+            flow: FlowTable::default(),
+            chairs: ChairsStage::default(),
+            adjacent: PairStage::default(),
+            // §5: the distant net sees what is left over inside the overlap of two far frames.
+            distant: PairStage { pairs: PairConfig { crop: 128, ..PairStage::default().pairs }, ..PairStage::default() },
+            svbrdf: SvbrdfStage::default(),
+            report: Report::default(),
+            checkpoint: Checkpointing::default(),
+        }
+    }
 }
 
 /// What a non-finite loss leads to.
@@ -52,23 +79,20 @@ pub struct Run {
     pub data_workers: usize,
     /// What a non-finite loss leads to.
     pub on_nan: OnNan,
+    /// Memory for decoded materials, in MiB.
+    pub material_cache_mib: usize,
 }
 
 impl Default for Run {
     fn default() -> Self {
-        Self { name: String::new(), seed: 1, data_workers: 1, on_nan: OnNan::Stop }
+        Self { name: String::new(), seed: 1, data_workers: 1, on_nan: OnNan::Stop, material_cache_mib: 1024 }
     }
 }
-
-/// `[materials]`
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Materials {}
 
 /// Size of the flow nets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum FlowNet {
+pub enum FlowSize {
     /// Half width, four levels, no context net: learns in minutes on a CPU.
     #[default]
     Slim,
@@ -119,9 +143,22 @@ impl From<FlowInit> for String {
 #[serde(default, deny_unknown_fields)]
 pub struct FlowTable {
     /// Size of the nets.
-    pub net: FlowNet,
+    pub size: FlowSize,
+    /// A whole architecture of one's own instead of `size`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub architecture: Option<PwcConfig>,
     /// What they start from.
     pub init: FlowInit,
+}
+
+impl FlowTable {
+    /// The nets' architecture.
+    pub fn architecture(&self) -> PwcConfig {
+        self.architecture.clone().unwrap_or_else(|| match self.size {
+            FlowSize::Slim => PwcConfig::slim(),
+            FlowSize::Paper => PwcConfig::paper(),
+        })
+    }
 }
 
 /// How the learning rate runs over a stage.
@@ -196,7 +233,71 @@ impl Default for Optimisation {
     }
 }
 
-/// `[chairs]`, `[adjacent]`, `[distant]`: a stage that learns flow from pairs.
+/// How a flow net is taught, whatever the pairs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Teaching {
+    /// Probability at the start that a level begins from the true flow instead of the coarser level's.
+    pub forcing: f64,
+    /// Share of the stage after which that probability has fallen to zero.
+    pub until: f64,
+}
+
+impl Default for Teaching {
+    fn default() -> Self {
+        Self { forcing: 1.0, until: 0.7 }
+    }
+}
+
+impl Teaching {
+    /// The probability when the share `done` of the stage is done.
+    pub fn share(&self, done: f64) -> f64 {
+        if self.until > 0.0 { self.forcing * (1.0 - done / self.until).max(0.0) } else { 0.0 }
+    }
+}
+
+fn flow_optimisation() -> Optimisation {
+    Optimisation { learning_rate: 1e-3, schedule: Schedule::OneCycle, warm_up: 50, weight_decay: 4e-4, clip: 0.0, ..Optimisation::default() }
+}
+
+/// `[chairs]`: pre-training of the flow net.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ChairsStage {
+    /// Optimiser steps; 0 leaves the stage out.
+    pub steps: usize,
+    /// Pairs in a batch.
+    pub batch: usize,
+    /// The pairs.
+    pub pairs: ChairsConfig,
+    /// How many materials the shapes are made of.
+    pub materials: usize,
+    /// The loss.
+    pub loss: FlowLossConfig,
+    /// Teacher forcing.
+    pub teaching: Teaching,
+    /// Pairs that a measurement on held-out materials uses.
+    pub validation_pairs: usize,
+    /// Optimiser and intervals.
+    pub optimisation: Optimisation,
+}
+
+impl Default for ChairsStage {
+    fn default() -> Self {
+        Self {
+            steps: 0,
+            batch: 2,
+            pairs: ChairsConfig { resolution: 192, ..ChairsConfig::default() },
+            materials: 40,
+            loss: FlowLossConfig::teaching(),
+            teaching: Teaching::default(),
+            validation_pairs: 16,
+            optimisation: flow_optimisation(),
+        }
+    }
+}
+
+/// `[adjacent]`, `[distant]`: a stage that learns flow from frames of scanning videos.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PairStage {
@@ -204,14 +305,16 @@ pub struct PairStage {
     pub steps: usize,
     /// Pairs in a batch.
     pub batch: usize,
-    /// Side of the square the net sees, in pixels.
-    pub crop: usize,
-    /// Side of the rendered frame the square is cut from, in pixels.
-    pub resolution: usize,
-    /// Share of the training during which the coarse flow is taken from the truth now and then.
-    pub teacher_forcing: f64,
-    /// Weight of the matching loss on the cost volumes.
-    pub matching: f64,
+    /// How pairs are cut from frames.
+    pub pairs: PairConfig,
+    /// The videos.
+    pub videos: SequenceConfig,
+    /// Videos whose pairs are mixed, 20 pairs each.
+    pub mixed_videos: u64,
+    /// The loss.
+    pub loss: FlowLossConfig,
+    /// Teacher forcing.
+    pub teaching: Teaching,
     /// Pairs that a measurement on held-out materials uses.
     pub validation_pairs: usize,
     /// Optimiser and intervals.
@@ -223,17 +326,13 @@ impl Default for PairStage {
         Self {
             steps: 0,
             batch: 2,
-            crop: 192,
-            resolution: 256,
-            teacher_forcing: 0.7,
-            matching: 0.1,
+            pairs: PairConfig { resolution: 256, crop: 192, augment: true },
+            videos: SequenceConfig::flow(),
+            mixed_videos: 50,
+            loss: FlowLossConfig::teaching(),
+            teaching: Teaching::default(),
             validation_pairs: 16,
-            optimisation: Optimisation {
-                learning_rate: 2e-3,
-                schedule: Schedule::OneCycle,
-                warm_up: 50,
-                ..Optimisation::default()
-            },
+            optimisation: flow_optimisation(),
         }
     }
 }
@@ -244,12 +343,16 @@ impl Default for PairStage {
 pub struct SvbrdfStage {
     /// Optimiser steps; 0 leaves the stage out.
     pub steps: usize,
-    /// Width of the net: 64 in the paper, 32 or 16 for small budgets.
-    pub width: usize,
-    /// Side of the frames, in pixels.
-    pub resolution: usize,
-    /// Fewest and most key frames beside the guidance image.
-    pub key_frames: [usize; 2],
+    /// The net.
+    pub net: SvbrdfNetConfig,
+    /// What an exemplar is.
+    pub exemplars: ExemplarConfig,
+    /// The videos.
+    pub videos: SequenceConfig,
+    /// The loss.
+    pub loss: LossConfig,
+    /// Training exemplars from whose medians the outputs start and the constant-map baseline is taken.
+    pub median_exemplars: usize,
     /// Exemplars that a measurement on held-out materials uses.
     pub validation_exemplars: usize,
     /// Optimiser and intervals.
@@ -260,13 +363,15 @@ impl Default for SvbrdfStage {
     fn default() -> Self {
         Self {
             steps: 0,
-            width: 16,
-            resolution: 128,
-            key_frames: [2, 4],
+            net: SvbrdfNetConfig::default(),
+            exemplars: ExemplarConfig::default(),
+            videos: SequenceConfig::svbrdf(),
+            loss: LossConfig::default(),
+            median_exemplars: 32,
             validation_exemplars: 8,
             optimisation: Optimisation {
-                learning_rate: 2e-4,
-                warm_up: 50,
+                learning_rate: 2e-5,
+                warm_up: 2000,
                 // Spec 4.3: β₁ 0.5, ε 1e-4.
                 adam: Adam { beta1: 0.5, beta2: 0.999, epsilon: 1e-4 },
                 ema: 0.99,

@@ -1,166 +1,135 @@
 //! Values that parse but that no run can work with.
 
-use super::tables::{Config, Optimisation, PairStage};
+use super::tables::{Config, Optimisation, Teaching};
 use std::fmt::Display;
 
 /// A value the program can't work with.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Invalid {
-    /// Dotted key.
-    pub key: &'static str,
-    /// The value that was found.
+    /// Dotted key of the value, or of the table it stands in.
+    pub key: String,
+    /// What was found.
     pub found: String,
     /// What is possible.
-    pub expected: &'static str,
+    pub expected: Option<String>,
 }
 
 /// Collects problems, so that a person sees all of them at once.
-#[derive(Default)]
-struct Findings(Vec<Invalid>);
+struct Findings {
+    table: &'static str,
+    found: Vec<Invalid>,
+}
 
 impl Findings {
-    fn require(&mut self, holds: bool, key: &'static str, found: impl Display, expected: &'static str) {
+    /// Notes a value that is not what it must be.
+    fn require(&mut self, holds: bool, key: &str, found: impl Display, expected: &str) {
         if !holds {
-            self.0.push(Invalid { key, found: found.to_string(), expected });
+            let key = format!("{}.{key}", self.table);
+            self.found.push(Invalid { found: format!("`{key}` is {found}"), key, expected: Some(format!("expected {expected}")) });
         }
     }
-}
 
-/// Spells a stage's keys, which must be static to be compared with the source text.
-macro_rules! keys {
-    ($table:literal) => {
-        OptimisationKeys {
-            learning_rate: concat!($table, ".optimisation.learning_rate"),
-            beta1: concat!($table, ".optimisation.adam.beta1"),
-            beta2: concat!($table, ".optimisation.adam.beta2"),
-            epsilon: concat!($table, ".optimisation.adam.epsilon"),
-            weight_decay: concat!($table, ".optimisation.weight_decay"),
-            clip: concat!($table, ".optimisation.clip"),
-            accumulate: concat!($table, ".optimisation.accumulate"),
-            ema: concat!($table, ".optimisation.ema"),
-            preview_every: concat!($table, ".optimisation.preview_every"),
+    /// Notes what the owner of a sub-table says about it.
+    fn ask<E: Display>(&mut self, key: &str, verdict: Result<(), E>) {
+        if let Err(error) = verdict {
+            self.found.push(Invalid { key: format!("{}.{key}", self.table), found: error.to_string(), expected: None });
         }
-    };
-}
-
-struct OptimisationKeys {
-    learning_rate: &'static str,
-    beta1: &'static str,
-    beta2: &'static str,
-    epsilon: &'static str,
-    weight_decay: &'static str,
-    clip: &'static str,
-    accumulate: &'static str,
-    ema: &'static str,
-    preview_every: &'static str,
-}
-
-struct PairKeys {
-    batch: &'static str,
-    crop: &'static str,
-    resolution: &'static str,
-    teacher_forcing: &'static str,
-    matching: &'static str,
-    validation_pairs: &'static str,
-}
-
-macro_rules! pair_keys {
-    ($table:literal) => {
-        PairKeys {
-            batch: concat!($table, ".batch"),
-            crop: concat!($table, ".crop"),
-            resolution: concat!($table, ".resolution"),
-            teacher_forcing: concat!($table, ".teacher_forcing"),
-            matching: concat!($table, ".matching"),
-            validation_pairs: concat!($table, ".validation_pairs"),
-        }
-    };
+    }
 }
 
 impl Config {
     /// Every value the program can't work with; empty for a good config.
     pub fn validate(&self) -> Vec<Invalid> {
-        let mut findings = Findings::default();
+        let mut findings = Findings { table: "run", found: Vec::new() };
+        self.check_run(&mut findings);
+        self.check_flow(&mut findings);
+        self.check_svbrdf(&mut findings);
+        for (index, source) in self.materials.iter().enumerate() {
+            if let Err(error) = source.validate(index + 1) {
+                findings.found.push(Invalid { key: "materials".into(), found: error.to_string(), expected: None });
+            }
+        }
+        if self.materials.is_empty() {
+            let expected = Some("expected at least one source, for example `[[materials]]` with `type = \"procedural\"`".into());
+            findings.found.push(Invalid { key: "materials".into(), found: "no material source is configured".into(), expected });
+        }
+        findings.found
+    }
+
+    fn check_run(&self, findings: &mut Findings) {
         let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
         let name = &self.run.name;
         let is_folder = name.chars().all(plain) && !name.starts_with('.');
-        findings.require(is_folder, "run.name", format!("\"{name}\""), "a folder name of letters, digits, `-`, `_` and `.`");
-        findings.require(
-            (1..=256).contains(&self.run.data_workers),
-            "run.data_workers",
-            self.run.data_workers,
-            "1 to 256 threads",
-        );
-        findings.require(
-            self.checkpoint.every_steps >= 1,
-            "checkpoint.every_steps",
-            self.checkpoint.every_steps,
-            "at least 1 step",
-        );
-        // One alone could be the truncated one.
-        findings.require(
-            self.checkpoint.keep_last >= 2,
-            "checkpoint.keep_last",
-            self.checkpoint.keep_last,
-            "at least 2, so that a damaged one has a predecessor",
-        );
-        check_pairs(&mut findings, &self.chairs, &pair_keys!("chairs"), &keys!("chairs"));
-        check_pairs(&mut findings, &self.adjacent, &pair_keys!("adjacent"), &keys!("adjacent"));
-        check_pairs(&mut findings, &self.distant, &pair_keys!("distant"), &keys!("distant"));
-        self.check_svbrdf(&mut findings);
-        findings.0
+        findings.require(is_folder, "name", format!("\"{name}\""), "a folder name of letters, digits, `-`, `_` and `.`");
+        findings.require((1..=256).contains(&self.run.data_workers), "data_workers", self.run.data_workers, "1 to 256 threads");
+        let cache = self.run.material_cache_mib;
+        findings.require((64..=1 << 20).contains(&cache), "material_cache_mib", cache, "at least 64 MiB");
+        let steps = self.chairs.steps + self.adjacent.steps + self.distant.steps + self.svbrdf.steps;
+        findings.table = "svbrdf";
+        findings.require(steps > 0, "steps", 0, "steps in at least one of the stages chairs, adjacent, distant, svbrdf");
+        findings.table = "checkpoint";
+        let Self { checkpoint, .. } = self;
+        findings.require(checkpoint.every_steps >= 1, "every_steps", checkpoint.every_steps, "at least 1 step");
+        let expected = "at least 2, so that a damaged one has a predecessor";
+        findings.require(checkpoint.keep_last >= 2, "keep_last", checkpoint.keep_last, expected);
+    }
+
+    fn check_flow(&self, findings: &mut Findings) {
+        let architecture = self.flow.architecture();
+        findings.table = "flow";
+        findings.ask("architecture", architecture.validate());
+        let levels = architecture.channels.len().saturating_sub(1);
+
+        findings.table = "chairs";
+        let chairs = &self.chairs;
+        findings.ask("pairs", chairs.pairs.validate());
+        findings.ask("loss", chairs.loss.validate(levels));
+        findings.require(chairs.materials >= 1, "materials", chairs.materials, "at least 1");
+        check_teaching(findings, chairs.batch, &chairs.teaching, chairs.validation_pairs, &chairs.optimisation);
+
+        for (table, stage) in [("adjacent", &self.adjacent), ("distant", &self.distant)] {
+            findings.table = table;
+            findings.ask("pairs", stage.pairs.validate());
+            let cut = stage.pairs.crop > 0 || stage.batch == 1 || table == "adjacent";
+            findings.require(cut, "pairs.crop", "0 (no crop)", "a crop, because overlaps of different sizes can't be batched");
+            findings.ask("videos", stage.videos.validate());
+            findings.ask("loss", stage.loss.validate(levels));
+            findings.require(stage.mixed_videos >= 1, "mixed_videos", stage.mixed_videos, "at least 1");
+            check_teaching(findings, stage.batch, &stage.teaching, stage.validation_pairs, &stage.optimisation);
+        }
     }
 
     fn check_svbrdf(&self, findings: &mut Findings) {
+        findings.table = "svbrdf";
         let stage = &self.svbrdf;
-        let [fewest, most] = stage.key_frames;
-        findings.require((1..=256).contains(&stage.width), "svbrdf.width", stage.width, "1 to 256 channels (64 in the paper)");
-        let halvings = stage.resolution.is_power_of_two() && (32..=2048).contains(&stage.resolution);
-        findings.require(halvings, "svbrdf.resolution", stage.resolution, "a power of two from 32 to 2048 pixels");
-        let range = format!("[{fewest}, {most}]");
-        findings.require(fewest <= most && most <= 28, "svbrdf.key_frames", range, "[fewest, most] with fewest ≤ most ≤ 28");
-        findings.require(
-            stage.validation_exemplars >= 1,
-            "svbrdf.validation_exemplars",
-            stage.validation_exemplars,
-            "at least 1",
-        );
-        check_optimisation(findings, &stage.optimisation, &keys!("svbrdf"));
+        findings.ask("net", stage.net.validate());
+        findings.ask("exemplars", stage.exemplars.validate());
+        findings.ask("videos", stage.videos.validate());
+        findings.require(stage.median_exemplars >= 1, "median_exemplars", stage.median_exemplars, "at least 1");
+        findings.require(stage.validation_exemplars >= 1, "validation_exemplars", stage.validation_exemplars, "at least 1");
+        check_optimisation(findings, &stage.optimisation);
     }
 }
 
-fn check_pairs(findings: &mut Findings, stage: &PairStage, keys: &PairKeys, optimisation: &OptimisationKeys) {
-    findings.require((1..=1024).contains(&stage.batch), keys.batch, stage.batch, "1 to 1024 pairs");
-    let fits = (32..=stage.resolution).contains(&stage.crop);
-    findings.require(fits, keys.crop, stage.crop, "at least 32 pixels and no more than the stage's `resolution`");
-    findings.require((32..=4096).contains(&stage.resolution), keys.resolution, stage.resolution, "32 to 4096 pixels");
-    let share = (0.0..=1.0).contains(&stage.teacher_forcing);
-    findings.require(share, keys.teacher_forcing, stage.teacher_forcing, "a share from 0 to 1");
-    let weight = stage.matching >= 0.0 && stage.matching.is_finite();
-    findings.require(weight, keys.matching, stage.matching, "a weight of 0 or more");
-    findings.require(stage.validation_pairs >= 1, keys.validation_pairs, stage.validation_pairs, "at least 1 pair");
-    check_optimisation(findings, &stage.optimisation, optimisation);
+fn check_teaching(findings: &mut Findings, batch: usize, teaching: &Teaching, pairs: usize, plan: &Optimisation) {
+    findings.require((1..=1024).contains(&batch), "batch", batch, "1 to 1024 pairs");
+    findings.require((0.0..=1.0).contains(&teaching.forcing), "teaching.forcing", teaching.forcing, "a probability from 0 to 1");
+    findings.require((0.0..=1.0).contains(&teaching.until), "teaching.until", teaching.until, "a share from 0 to 1");
+    findings.require(pairs >= 1, "validation_pairs", pairs, "at least 1 pair");
+    check_optimisation(findings, plan);
 }
 
-fn check_optimisation(findings: &mut Findings, plan: &Optimisation, keys: &OptimisationKeys) {
+fn check_optimisation(findings: &mut Findings, plan: &Optimisation) {
     let rate = plan.learning_rate > 0.0 && plan.learning_rate <= 1.0;
-    findings.require(rate, keys.learning_rate, plan.learning_rate, "a rate above 0 and up to 1");
-    findings.require(
-        (0.0..1.0).contains(&plan.adam.beta1),
-        keys.beta1,
-        plan.adam.beta1,
-        "a decay from 0 up to, not including, 1",
-    );
-    findings.require(
-        (0.0..1.0).contains(&plan.adam.beta2),
-        keys.beta2,
-        plan.adam.beta2,
-        "a decay from 0 up to, not including, 1",
-    );
-    findings.require(plan.adam.epsilon > 0.0, keys.epsilon, plan.adam.epsilon, "more than 0");
-    findings.require(plan.weight_decay >= 0.0, keys.weight_decay, plan.weight_decay, "0 or more");
-    findings.require(plan.clip >= 0.0, keys.clip, plan.clip, "0 (off) or a positive norm");
-    findings.require((1..=1024).contains(&plan.accumulate), keys.accumulate, plan.accumulate, "1 to 1024 batches");
-    findings.require((0.0..1.0).contains(&plan.ema), keys.ema, plan.ema, "0 (off) or a decay below 1");
-    findings.require(plan.preview_every >= 1, keys.preview_every, plan.preview_every, "at least 1 step");
+    findings.require(rate, "optimisation.learning_rate", plan.learning_rate, "a rate above 0 and up to 1");
+    for (key, value) in [("optimisation.adam.beta1", plan.adam.beta1), ("optimisation.adam.beta2", plan.adam.beta2), ("optimisation.ema", plan.ema)] {
+        findings.require((0.0..1.0).contains(&value), key, value, "a decay from 0 up to, not including, 1");
+    }
+    let epsilon = plan.adam.epsilon;
+    findings.require(epsilon > 0.0 && epsilon.is_finite(), "optimisation.adam.epsilon", epsilon, "a positive number");
+    for (key, value) in [("optimisation.weight_decay", plan.weight_decay), ("optimisation.clip", plan.clip)] {
+        findings.require(value >= 0.0 && value.is_finite(), key, value, "0 (off) or a positive number");
+    }
+    findings.require((1..=1024).contains(&plan.accumulate), "optimisation.accumulate", plan.accumulate, "1 to 1024 batches");
+    findings.require(plan.preview_every >= 1, "optimisation.preview_every", plan.preview_every, "at least 1 step");
 }

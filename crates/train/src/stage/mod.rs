@@ -1,5 +1,11 @@
 //! The stages of a run. Each says what an item is, what the losses are and what to show; the loop is the same for all.
 
+pub mod flow_net;
+pub mod picture;
+pub mod plan;
+pub mod svbrdf_net;
+pub mod videos;
+
 use crate::config::Optimisation;
 use crate::guard::Array;
 use burn::module::Module;

@@ -1,0 +1,167 @@
+//! The command line: from arguments to a run and an exit code.
+
+use crate::config::{Config, ConfigError};
+use crate::device;
+use crate::interrupt;
+use crate::pipeline::{self, Ending, Pipeline, RunError};
+use crate::report::pretty;
+use crate::run_folder::{FolderError, RunFolder};
+use crate::stage::plan::{no_released_weights, released_weights};
+use clap::Parser;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Trains the flow nets and the SVBRDF net on synthetic scanning videos.
+///
+/// Exit codes: 0 done, 1 failed, 2 bad usage or config, 130 stopped by Ctrl-C or SIGTERM with a checkpoint written.
+#[derive(Debug, Parser)]
+#[command(name = "train", version)]
+pub struct Arguments {
+    /// Config file: a path, or a name in configs/.
+    #[arg(long, value_name = "NAME", required_unless_present = "resume", conflicts_with = "resume")]
+    config: Option<String>,
+    /// Set one value over the config, for example `--set svbrdf.steps=200`; may be repeated.
+    #[arg(long = "set", value_name = "TABLE.KEY=VALUE")]
+    assignments: Vec<String>,
+    /// Print the resolved config and stop.
+    #[arg(long)]
+    dry_run: bool,
+    /// Where the nets run: cpu, or vulkan, wgpu, cuda when built with that feature.
+    #[arg(long, default_value = "cpu")]
+    device: String,
+    /// Run folder [default: runs/NAME].
+    #[arg(long, value_name = "DIR", conflicts_with = "resume")]
+    out: Option<PathBuf>,
+    /// Replace an earlier run in the run folder.
+    #[arg(long, conflicts_with = "resume")]
+    force: bool,
+    /// Continue a run that was stopped.
+    #[arg(long, value_name = "RUN")]
+    resume: Option<PathBuf>,
+    /// With --resume: continue from this checkpoint instead of the newest.
+    #[arg(long, value_name = "FILE", requires = "resume")]
+    checkpoint: Option<PathBuf>,
+}
+
+/// Why the program ends without a finished run.
+#[derive(Debug, thiserror::Error)]
+enum Failure {
+    #[error("{0}")]
+    Usage(String),
+    #[error(transparent)]
+    Run(#[from] RunError),
+}
+
+impl From<ConfigError> for Failure {
+    fn from(error: ConfigError) -> Self {
+        Self::Usage(error.to_string())
+    }
+}
+
+impl From<FolderError> for Failure {
+    fn from(error: FolderError) -> Self {
+        match error {
+            FolderError::Exists { .. } | FolderError::Foreign { .. } | FolderError::Absent { .. } => Self::Usage(error.to_string()),
+            FolderError::Locked { .. } | FolderError::Io { .. } => Self::Run(RunError::Folder(error)),
+        }
+    }
+}
+
+/// Runs the program.
+pub fn main() -> ExitCode {
+    // clap itself exits with 2 on bad usage, 0 on --help.
+    match run(&Arguments::parse()) {
+        Ok(code) => code,
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            ExitCode::from(if matches!(failure, Failure::Usage(_)) { 2 } else { 1 })
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let config = match (&arguments.config, &arguments.resume) {
+        (Some(name), _) => Config::load(name, &arguments.assignments)?,
+        (None, Some(run)) => resumed_config(run, &arguments.assignments)?,
+        (None, None) => return Err(Failure::Usage("give `--config NAME` or `--resume RUN`".into())),
+    };
+    if arguments.dry_run {
+        print!("{}", config.to_toml());
+        return Ok(ExitCode::SUCCESS);
+    }
+    check_start(&config)?;
+    let device = device::open(&arguments.device).map_err(|error| Failure::Usage(error.to_string()))?;
+    // Before the folder: a wrong path to the materials leaves nothing behind.
+    let library = pipeline::open_library(&config).map_err(|error| Failure::Usage(error.to_string()))?;
+    let folder = match &arguments.resume {
+        Some(run) => RunFolder::open(run)?,
+        None => RunFolder::create(&arguments.out.clone().unwrap_or_else(|| Path::new("runs").join(&config.run.name)), arguments.force)?,
+    };
+    if arguments.resume.is_none() {
+        describe_run(&folder, &config, arguments)?;
+        folder.write("materials.json", &pretty(&library.manifest()).map_err(RunError::Io)?)?;
+    }
+    interrupt::install().map_err(|error| Failure::Usage(format!("cannot listen for Ctrl-C: {error}")))?;
+    let stop = |_| interrupt::requested();
+    let checkpoint = arguments.checkpoint.clone();
+    let mut pipeline = Pipeline { config: &config, folder: &folder, device, library, checkpoint, stop: &stop };
+    match pipeline.run()? {
+        Ending::Done => {
+            eprintln!("done: {}", folder.path().display());
+            Ok(ExitCode::SUCCESS)
+        }
+        Ending::Stopped { stage, step } => {
+            let path = folder.path().display();
+            eprintln!("stopped in {stage} after step {step}; continue with `--resume {path}`");
+            Ok(ExitCode::from(interrupt::EXIT_CODE))
+        }
+    }
+}
+
+/// A resumed run continues as it began: only what doesn't change the results may be set anew.
+fn resumed_config(run: &Path, assignments: &[String]) -> Result<Config, Failure> {
+    let path = run.join("config.toml");
+    if !path.is_file() {
+        return Err(FolderError::Absent { path: run.into() }.into());
+    }
+    let (before, now) = (Config::from_file(&path, &[])?, Config::from_file(&path, assignments)?);
+    if pipeline::fingerprint(&before) != pipeline::fingerprint(&now) {
+        let message = "a resumed run continues as it began: of the config only run.data_workers, run.material_cache_mib, checkpoint.* and report.* may be set anew; start a new run with `--config` for other values";
+        return Err(Failure::Usage(message.into()));
+    }
+    Ok(now)
+}
+
+/// Finds missing starting weights before any work.
+fn check_start(config: &Config) -> Result<(), Failure> {
+    use crate::config::FlowInit;
+    let needed = config.chairs.steps == 0 && config.adjacent.steps + config.distant.steps > 0;
+    match &config.flow.init {
+        FlowInit::Weights if needed && released_weights().is_none() => Err(Failure::Usage(no_released_weights())),
+        FlowInit::File(path) if !path.is_file() => {
+            Err(Failure::Usage(format!("`flow.init` names {}, which is not there: expected a .safetensors file", path.display())))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Writes what a person needs to repeat the run, before any work.
+fn describe_run(folder: &RunFolder, config: &Config, arguments: &Arguments) -> Result<(), Failure> {
+    let started = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let run = json!({
+        "name": config.run.name,
+        "command": std::env::args().collect::<Vec<_>>(),
+        "revision": crate::process::revision(),
+        "version": env!("CARGO_PKG_VERSION"),
+        "burn": "0.22.1",
+        "device": arguments.device,
+        "seed": config.run.seed,
+        "cores": std::thread::available_parallelism().map_or(0, usize::from),
+        "system": std::env::consts::OS,
+        "started_unix": started,
+    });
+    folder.write("config.toml", &config.to_toml())?;
+    folder.write("run.json", &pretty(&run).map_err(RunError::Io)?)?;
+    Ok(())
+}

@@ -1,0 +1,211 @@
+//! A run from its first stage to its report.
+
+use crate::checkpoint::{CheckpointError, Store};
+use crate::config::Config;
+use crate::finished::{Finished, FinishedStage};
+use crate::recorder::{Metrics, Previews, Recorder, TensorBoard};
+use crate::report;
+use crate::run_folder::{FolderError, RunFolder};
+use crate::run_loop::{Outcome, Surroundings, TrainError, Trained, train};
+use crate::stage::plan::{CHAIRS, Plan};
+use crate::stage::{Stage, StageError};
+use burn::tensor::Device;
+use dataset::material::{LibraryError, MaterialLibrary};
+use flow::weights::{ADJACENT, DISTANT};
+use ops::weights::{Precision, WeightsError};
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// A run that could not be finished.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// Training.
+    #[error(transparent)]
+    Train(#[from] TrainError),
+    /// What a stage needs before it starts.
+    #[error("{stage}: {source}")]
+    Prepare {
+        /// Stage of the run.
+        stage: &'static str,
+        /// The reason.
+        source: StageError,
+    },
+    /// A checkpoint.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// Weights that can't be written.
+    #[error(transparent)]
+    Weights(#[from] WeightsError),
+    /// The run folder.
+    #[error(transparent)]
+    Folder(#[from] FolderError),
+    /// Materials.
+    #[error(transparent)]
+    Library(#[from] LibraryError),
+    /// The record of finished stages.
+    #[error("{} can't be read as the record of finished stages: {reason}", path.display())]
+    Finished {
+        /// The file.
+        path: PathBuf,
+        /// What doesn't fit.
+        reason: String,
+    },
+    /// Files of the run folder.
+    #[error("cannot write into the run folder: {0}")]
+    Io(#[from] std::io::Error),
+}
+
+/// How a run ended.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// All stages are done.
+    Done,
+    /// It was stopped; a checkpoint is written.
+    Stopped {
+        /// Stage of the run.
+        stage: &'static str,
+        /// Steps done.
+        step: u64,
+    },
+}
+
+/// A run and what it works with.
+pub struct Pipeline<'a> {
+    /// The config.
+    pub config: &'a Config,
+    /// Where everything goes.
+    pub folder: &'a RunFolder,
+    /// The device, without gradients.
+    pub device: Device,
+    /// All materials.
+    pub library: Arc<MaterialLibrary>,
+    /// A checkpoint that a person chose instead of the newest.
+    pub checkpoint: Option<PathBuf>,
+    /// Asked after every step whether to stop.
+    pub stop: &'a dyn Fn(u64) -> bool,
+}
+
+/// Opens the materials of a config: before anything is written, so that a wrong path costs nothing.
+///
+/// # Errors
+/// A source that can't be used.
+pub fn open_library(config: &Config) -> Result<Arc<MaterialLibrary>, LibraryError> {
+    MaterialLibrary::open(&config.materials, config.run.seed, config.run.material_cache_mib << 20).map(Arc::new)
+}
+
+/// Digest of everything in a config that decides the results: a checkpoint goes on only under the same.
+pub fn fingerprint(config: &Config) -> String {
+    let mut deciding = config.clone();
+    let defaults = Config::default();
+    deciding.run.name.clear();
+    deciding.run.data_workers = defaults.run.data_workers;
+    deciding.run.material_cache_mib = defaults.run.material_cache_mib;
+    deciding.checkpoint = defaults.checkpoint;
+    deciding.report = defaults.report;
+    Sha256::digest(deciding.to_toml()).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+impl Pipeline<'_> {
+    /// Runs every stage that isn't finished, then the report.
+    ///
+    /// # Errors
+    /// See [`RunError`]; what is written by then stays whole and can be resumed.
+    pub fn run(&mut self) -> Result<Ending, RunError> {
+        let plan = Plan { config: self.config, library: Arc::clone(&self.library), weights: self.folder.weights() };
+        let mut finished = Finished::read(self.folder)?;
+        let mut recorder: Vec<Box<dyn Recorder>> = vec![
+            Box::new(Metrics::open(&self.folder.metrics())?),
+            Box::new(Previews { folder: self.folder.previews() }),
+            Box::new(TensorBoard::new(&self.folder.tensorboard())),
+        ];
+        let Config { chairs, adjacent, distant, svbrdf, .. } = self.config;
+        let flow_stages = [(CHAIRS, chairs.steps), (ADJACENT, adjacent.steps), (DISTANT, distant.steps)];
+        for (name, _) in flow_stages.into_iter().filter(|(_, steps)| *steps > 0) {
+            if finished.has(name) {
+                continue;
+            }
+            let stage = match name {
+                CHAIRS => plan.chairs().map_err(|source| RunError::Prepare { stage: CHAIRS, source })?,
+                ADJACENT => plan.adjacent(),
+                _ => plan.distant(),
+            };
+            let save = |net: &_, training, metrics| flow::weights::save(&self.folder.weights(), name, net, training, metrics, Precision::F32);
+            if let Some(stopped) = self.stage(&stage, &mut recorder, &mut finished, save)? {
+                return Ok(stopped);
+            }
+        }
+        if svbrdf.steps > 0 && !finished.has(svbrdf::weights::NAME) {
+            let save = |net: &_, training, metrics| svbrdf::weights::save(&self.folder.weights(), net, training, metrics, Precision::F32);
+            if let Some(stopped) = self.stage(&plan.svbrdf(), &mut recorder, &mut finished, save)? {
+                return Ok(stopped);
+            }
+        }
+        report::write(self.folder, self.config, &finished)?;
+        Ok(Ending::Done)
+    }
+
+    /// Trains a stage and saves its net; tells where it stopped if it did.
+    fn stage<S: Stage>(
+        &mut self,
+        stage: &S,
+        recorder: &mut dyn Recorder,
+        finished: &mut Finished,
+        save: impl Fn(&S::Net, String, BTreeMap<String, f64>) -> Result<(), WeightsError>,
+    ) -> Result<Option<Ending>, RunError> {
+        let store = Store {
+            folder: self.folder.checkpoints(),
+            keep_last: self.config.checkpoint.keep_last,
+            fingerprint: fingerprint(self.config),
+        };
+        // A chosen checkpoint is of the stage the run stands in; later stages have none yet.
+        let from = match self.checkpoint.take() {
+            Some(path) => Some(self.chosen(&store, &path, stage.name())?),
+            None => store.newest(stage.name(), &self.device)?,
+        };
+        let mut around = Surroundings {
+            device: self.device.clone(),
+            seed: self.config.run.seed,
+            data_workers: self.config.run.data_workers,
+            on_nan: self.config.run.on_nan,
+            checkpoint_every: self.config.checkpoint.every_steps as u64,
+            store: &store,
+            failures: &self.folder.failures(),
+            recorder,
+            stop: self.stop,
+            seconds_before: finished.seconds(),
+        };
+        match train(stage, &mut around, from)? {
+            Outcome::Stopped { step } => Ok(Some(Ending::Stopped { stage: stage.name(), step })),
+            Outcome::Finished(trained) => {
+                let Trained { net, measured, skipped, seconds } = *trained;
+                let measured: BTreeMap<String, f64> = measured.into_iter().collect();
+                save(&net, self.training(stage), measured.clone())?;
+                finished.add(self.folder, FinishedStage { stage: stage.name().into(), steps: stage.steps(), seconds, measured, skipped })?;
+                Ok(None)
+            }
+        }
+    }
+
+    /// A checkpoint chosen by a person; newer ones of the stage are set aside.
+    fn chosen(&self, store: &Store, path: &Path, stage: &str) -> Result<crate::checkpoint::Checkpoint, RunError> {
+        let checkpoint = store.load(path, stage, &self.device)?;
+        store.set_aside_after(stage, checkpoint.state.step)?;
+        Ok(checkpoint)
+    }
+
+    /// How a net was trained, for the manifest of its weights.
+    fn training(&self, stage: &impl Stage) -> String {
+        let sources = self.library.manifest().len();
+        format!(
+            "stage {} of run {}: {} steps of {} exemplars, seed {}, {sources} materials (materials.json), revision {}",
+            stage.name(),
+            self.config.run.name,
+            stage.steps(),
+            stage.batch() * stage.plan().accumulate,
+            self.config.run.seed,
+            crate::process::revision().unwrap_or_else(|| "unknown".into())
+        )
+    }
+}

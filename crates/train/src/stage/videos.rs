@@ -1,0 +1,50 @@
+//! The videos that a stage learns from or is measured on.
+
+use dataset::exemplar::{PER_VIDEO, place};
+use dataset::material::{MaterialLibrary, Split};
+use dataset::sequence::{Sequence, SequenceConfig};
+use dataset::stream::Stream;
+use std::sync::Arc;
+
+/// Videos by number, each of a material of one side of the frozen split.
+#[derive(Clone)]
+pub struct Videos {
+    /// Where materials come from.
+    pub library: Arc<MaterialLibrary>,
+    /// Training or test.
+    pub split: Split,
+    /// What videos look like.
+    pub config: SequenceConfig,
+    /// Randomness of this stage.
+    pub streams: Stream,
+    /// How many videos are mixed at a time.
+    pub mixed: u64,
+}
+
+impl Videos {
+    /// A video.
+    ///
+    /// # Errors
+    /// A material that can't be had.
+    pub fn video(&self, number: u64) -> Result<Sequence, String> {
+        let material = self.library.material(self.split, number).map_err(|error| error.to_string())?;
+        Ok(Sequence::new(material, &self.config, &self.streams, number))
+    }
+
+    /// The video of item `index` and its place among the video's items (0 to 19): items of many videos are mixed.
+    ///
+    /// # Errors
+    /// A material that can't be had.
+    pub fn of_item(&self, index: u64) -> Result<(Sequence, usize), String> {
+        let (video, place) = place(index, self.mixed, &self.streams);
+        Ok((self.video(video)?, place))
+    }
+
+    /// Item `index` of a measurement: the items go through the videos, one each, before any comes a second time.
+    ///
+    /// # Errors
+    /// A material that can't be had.
+    pub fn of_held_out(&self, index: u64) -> Result<(Sequence, usize), String> {
+        Ok((self.video(index)?, (index * 7 % PER_VIDEO) as usize))
+    }
+}
