@@ -3,6 +3,9 @@
 //! The conventions of flow and image coordinates are those of [`ops`].
 
 pub mod align;
+mod estimator;
+pub mod loss;
+pub mod metrics;
 pub mod pwc;
 pub mod target;
 pub mod visual;

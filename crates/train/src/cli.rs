@@ -62,7 +62,9 @@ impl From<ConfigError> for Failure {
 impl From<FolderError> for Failure {
     fn from(error: FolderError) -> Self {
         match error {
-            FolderError::Exists { .. } | FolderError::Foreign { .. } | FolderError::Absent { .. } => Self::Usage(error.to_string()),
+            FolderError::Exists { .. } | FolderError::Foreign { .. } | FolderError::Absent { .. } => {
+                Self::Usage(error.to_string())
+            }
             FolderError::Locked { .. } | FolderError::Io { .. } => Self::Run(RunError::Folder(error)),
         }
     }
@@ -96,7 +98,10 @@ fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let library = pipeline::open_library(&config).map_err(|error| Failure::Usage(error.to_string()))?;
     let folder = match &arguments.resume {
         Some(run) => RunFolder::open(run)?,
-        None => RunFolder::create(&arguments.out.clone().unwrap_or_else(|| Path::new("runs").join(&config.run.name)), arguments.force)?,
+        None => RunFolder::create(
+            &arguments.out.clone().unwrap_or_else(|| Path::new("runs").join(&config.run.name)),
+            arguments.force,
+        )?,
     };
     if arguments.resume.is_none() {
         describe_run(&folder, &config, arguments)?;
@@ -139,9 +144,10 @@ fn check_start(config: &Config) -> Result<(), Failure> {
     let needed = config.chairs.steps == 0 && config.adjacent.steps + config.distant.steps > 0;
     match &config.flow.init {
         FlowInit::Weights if needed && released_weights().is_none() => Err(Failure::Usage(no_released_weights())),
-        FlowInit::File(path) if !path.is_file() => {
-            Err(Failure::Usage(format!("`flow.init` names {}, which is not there: expected a .safetensors file", path.display())))
-        }
+        FlowInit::File(path) if !path.is_file() => Err(Failure::Usage(format!(
+            "`flow.init` names {}, which is not there: expected a .safetensors file",
+            path.display()
+        ))),
         _ => Ok(()),
     }
 }

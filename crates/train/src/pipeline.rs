@@ -11,12 +11,14 @@ use crate::stage::plan::{CHAIRS, Plan};
 use crate::stage::{Stage, StageError};
 use burn::tensor::Device;
 use dataset::material::{LibraryError, MaterialLibrary};
+use evaluate::EvaluateError;
 use flow::weights::{ADJACENT, DISTANT};
 use ops::weights::{Precision, WeightsError};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Instant;
 
 /// A run that could not be finished.
 #[derive(Debug, thiserror::Error)]
@@ -41,9 +43,9 @@ pub enum RunError {
     /// The run folder.
     #[error(transparent)]
     Folder(#[from] FolderError),
-    /// Materials.
+    /// The evaluation at the end.
     #[error(transparent)]
-    Library(#[from] LibraryError),
+    Evaluate(#[from] EvaluateError),
     /// The record of finished stages.
     #[error("{} can't be read as the record of finished stages: {reason}", path.display())]
     Finished {
@@ -131,18 +133,28 @@ impl Pipeline<'_> {
                 ADJACENT => plan.adjacent(),
                 _ => plan.distant(),
             };
-            let save = |net: &_, training, metrics| flow::weights::save(&self.folder.weights(), name, net, training, metrics, Precision::F32);
+            let save = |net: &_, training, metrics| {
+                flow::weights::save(&self.folder.weights(), name, net, training, metrics, Precision::F32)
+            };
             if let Some(stopped) = self.stage(&stage, &mut recorder, &mut finished, save)? {
                 return Ok(stopped);
             }
         }
         if svbrdf.steps > 0 && !finished.has(svbrdf::weights::NAME) {
-            let save = |net: &_, training, metrics| svbrdf::weights::save(&self.folder.weights(), net, training, metrics, Precision::F32);
+            let save = |net: &_, training, metrics| {
+                svbrdf::weights::save(&self.folder.weights(), net, training, metrics, Precision::F32)
+            };
             if let Some(stopped) = self.stage(&plan.svbrdf(), &mut recorder, &mut finished, save)? {
                 return Ok(stopped);
             }
         }
-        report::write(self.folder, self.config, &finished)?;
+        let began = Instant::now();
+        let figures = match report::evaluate_nets(self.folder, self.config, &self.library, &self.device, self.stop) {
+            Err(RunError::Evaluate(EvaluateError::Stopped)) => return Ok(Ending::Stopped { stage: "report", step: 0 }),
+            figures => figures?,
+        };
+        let seconds = finished.seconds() + began.elapsed().as_secs_f64();
+        report::write(self.folder, self.config, &finished, figures, seconds)?;
         Ok(Ending::Done)
     }
 
@@ -182,7 +194,10 @@ impl Pipeline<'_> {
                 let Trained { net, measured, skipped, seconds } = *trained;
                 let measured: BTreeMap<String, f64> = measured.into_iter().collect();
                 save(&net, self.training(stage), measured.clone())?;
-                finished.add(self.folder, FinishedStage { stage: stage.name().into(), steps: stage.steps(), seconds, measured, skipped })?;
+                finished.add(
+                    self.folder,
+                    FinishedStage { stage: stage.name().into(), steps: stage.steps(), seconds, measured, skipped },
+                )?;
                 Ok(None)
             }
         }

@@ -4,6 +4,12 @@ use crate::config::Config;
 use crate::finished::Finished;
 use crate::pipeline::RunError;
 use crate::run_folder::RunFolder;
+use burn::tensor::Device;
+use dataset::image_io::Overwrite;
+use dataset::material::MaterialLibrary;
+use evaluate::method::Method;
+use evaluate::report::Figures;
+use evaluate::synthetic;
 use flow::weights::{ADJACENT, DISTANT};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -20,20 +26,64 @@ const FROM_STAGES: [(&str, &str, &str); 8] = [
     (svbrdf::weights::NAME, "render_l1_ratio", "render_l1_ratio"),
 ];
 
-/// Writes the report.
+/// The trained nets together on scans of held-out materials, with tables and contact sheets in `report/`.
+///
+/// `None` when the run has no SVBRDF net to evaluate; the flow nets may be absent.
+///
+/// # Errors
+/// A net that can't be read, a material that can't be had, or a stop.
+pub fn evaluate_nets(
+    folder: &RunFolder,
+    config: &Config,
+    library: &MaterialLibrary,
+    device: &Device,
+    stop: &dyn Fn(u64) -> bool,
+) -> Result<Option<Figures>, RunError> {
+    if !config.report.evaluate || config.svbrdf.steps == 0 {
+        return Ok(None);
+    }
+    let weights = folder.weights();
+    let flow = |name, steps| (steps > 0).then(|| flow::weights::load(&weights, name, device).map(|(net, _)| net)).transpose();
+    let method = Method {
+        adjacent: flow(ADJACENT, config.adjacent.steps)?,
+        distant: flow(DISTANT, config.distant.steps)?,
+        svbrdf: svbrdf::weights::load(&weights, device)?.0,
+        device: device.clone(),
+    };
+    let protocol = &config.report.synthetic;
+    let (total, mut done) = (protocol.textured + protocol.low_texture, 0);
+    let results = synthetic::run(library, &method, protocol, |result| {
+        done += 1;
+        eprintln!("report {done}/{total} {}", result.material);
+        !stop(done as u64)
+    })?;
+    let tables = folder.path().join("report");
+    std::fs::create_dir_all(&tables)?;
+    Ok(Some(evaluate::output::write(&results, &tables, Overwrite::Allow)?))
+}
+
+/// Writes `report.json`; the figures of the evaluation stand above those that single stages measured.
 ///
 /// # Errors
 /// The system's refusal.
-pub fn write(folder: &RunFolder, config: &Config, finished: &Finished) -> Result<(), RunError> {
+pub fn write(
+    folder: &RunFolder,
+    config: &Config,
+    finished: &Finished,
+    figures: Option<Figures>,
+    seconds: f64,
+) -> Result<(), RunError> {
     let mut report = Map::new();
     report.insert("name".into(), json!(config.run.name));
-    report.insert("minutes".into(), json!(finished.seconds() / 60.0));
-    report.insert("peak_rss_mib".into(), json!(finished.peak_rss_mib));
+    report.insert("minutes".into(), json!(seconds / 60.0));
+    let peak = finished.peak_rss_mib.into_iter().chain(crate::process::peak_rss_mib()).reduce(f64::max);
+    report.insert("peak_rss_mib".into(), json!(peak));
     for (stage, measured, name) in FROM_STAGES {
         if let Some(value) = finished.measured(stage, measured) {
             report.insert(name.into(), json!(value));
         }
     }
+    report.extend(figures.into_iter().flatten().map(|(name, value)| (name, json!(value))));
     let skipped: usize = finished.stages.iter().map(|stage| stage.skipped.len()).sum();
     report.insert("skipped_batches".into(), json!(skipped));
     report.insert("stages".into(), json!(finished.stages));

@@ -5,8 +5,20 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Everything the program itself puts into a run folder; `--force` removes these and nothing else.
-const OWN: [&str; 12] =
-    ["config.toml", "run.json", "materials.json", "progress.json", "metrics.jsonl", "tb", "previews", "checkpoints", "weights", "failures", "report.json", "report"];
+const OWN: [&str; 12] = [
+    "config.toml",
+    "run.json",
+    "materials.json",
+    "progress.json",
+    "metrics.jsonl",
+    "tb",
+    "previews",
+    "checkpoints",
+    "weights",
+    "failures",
+    "report.json",
+    "report",
+];
 const LOCK: &str = "run.lock";
 
 /// A run folder that can't be used.

@@ -13,8 +13,8 @@ mod validate;
 pub use diagnosis::Diagnosis;
 pub use lookup::{config_folders, find};
 pub use tables::{
-    Adam, ChairsStage, Checkpointing, Config, FlowInit, FlowSize, FlowTable, OnNan, Optimisation, PairStage, Report, Run, Schedule,
-    SvbrdfStage, Teaching,
+    Adam, ChairsStage, Checkpointing, Config, FlowInit, FlowSize, FlowTable, OnNan, Optimisation, PairStage, Report, Run,
+    Schedule, SvbrdfStage, Teaching,
 };
 pub use validate::Invalid;
 

@@ -5,6 +5,7 @@ use dataset::exemplar::ExemplarConfig;
 use dataset::material::library::{ProceduralConfig, SourceConfig};
 use dataset::pair::PairConfig;
 use dataset::sequence::SequenceConfig;
+use evaluate::synthetic::SyntheticConfig;
 use flow::loss::FlowLossConfig;
 use flow::pwc::PwcConfig;
 use serde::{Deserialize, Serialize};
@@ -257,7 +258,14 @@ impl Teaching {
 }
 
 fn flow_optimisation() -> Optimisation {
-    Optimisation { learning_rate: 1e-3, schedule: Schedule::OneCycle, warm_up: 50, weight_decay: 4e-4, clip: 0.0, ..Optimisation::default() }
+    Optimisation {
+        learning_rate: 1e-3,
+        schedule: Schedule::OneCycle,
+        warm_up: 50,
+        weight_decay: 4e-4,
+        clip: 0.0,
+        ..Optimisation::default()
+    }
 }
 
 /// `[chairs]`: pre-training of the flow net.
@@ -270,8 +278,6 @@ pub struct ChairsStage {
     pub batch: usize,
     /// The pairs.
     pub pairs: ChairsConfig,
-    /// How many materials the shapes are made of.
-    pub materials: usize,
     /// The loss.
     pub loss: FlowLossConfig,
     /// Teacher forcing.
@@ -288,7 +294,6 @@ impl Default for ChairsStage {
             steps: 0,
             batch: 2,
             pairs: ChairsConfig { resolution: 192, ..ChairsConfig::default() },
-            materials: 40,
             loss: FlowLossConfig::teaching(),
             teaching: Teaching::default(),
             validation_pairs: 16,
@@ -385,13 +390,15 @@ impl Default for SvbrdfStage {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Report {
-    /// Whether the trained nets are evaluated on held-out materials at the end.
+    /// Whether the trained nets are evaluated together on scans of held-out materials at the end.
     pub evaluate: bool,
+    /// The protocol.
+    pub synthetic: SyntheticConfig,
 }
 
 impl Default for Report {
     fn default() -> Self {
-        Self { evaluate: true }
+        Self { evaluate: true, synthetic: SyntheticConfig::default() }
     }
 }
 

@@ -25,7 +25,11 @@ impl Findings {
     fn require(&mut self, holds: bool, key: &str, found: impl Display, expected: &str) {
         if !holds {
             let key = format!("{}.{key}", self.table);
-            self.found.push(Invalid { found: format!("`{key}` is {found}"), key, expected: Some(format!("expected {expected}")) });
+            self.found.push(Invalid {
+                found: format!("`{key}` is {found}"),
+                key,
+                expected: Some(format!("expected {expected}")),
+            });
         }
     }
 
@@ -50,8 +54,13 @@ impl Config {
             }
         }
         if self.materials.is_empty() {
-            let expected = Some("expected at least one source, for example `[[materials]]` with `type = \"procedural\"`".into());
-            findings.found.push(Invalid { key: "materials".into(), found: "no material source is configured".into(), expected });
+            let expected =
+                Some("expected at least one source, for example `[[materials]]` with `type = \"procedural\"`".into());
+            findings.found.push(Invalid {
+                key: "materials".into(),
+                found: "no material source is configured".into(),
+                expected,
+            });
         }
         findings.found
     }
@@ -72,6 +81,8 @@ impl Config {
         findings.require(checkpoint.every_steps >= 1, "every_steps", checkpoint.every_steps, "at least 1 step");
         let expected = "at least 2, so that a damaged one has a predecessor";
         findings.require(checkpoint.keep_last >= 2, "keep_last", checkpoint.keep_last, expected);
+        findings.table = "report";
+        findings.ask("synthetic", self.report.synthetic.validate());
     }
 
     fn check_flow(&self, findings: &mut Findings) {
@@ -84,7 +95,6 @@ impl Config {
         let chairs = &self.chairs;
         findings.ask("pairs", chairs.pairs.validate());
         findings.ask("loss", chairs.loss.validate(levels));
-        findings.require(chairs.materials >= 1, "materials", chairs.materials, "at least 1");
         check_teaching(findings, chairs.batch, &chairs.teaching, chairs.validation_pairs, &chairs.optimisation);
 
         for (table, stage) in [("adjacent", &self.adjacent), ("distant", &self.distant)] {
@@ -113,7 +123,12 @@ impl Config {
 
 fn check_teaching(findings: &mut Findings, batch: usize, teaching: &Teaching, pairs: usize, plan: &Optimisation) {
     findings.require((1..=1024).contains(&batch), "batch", batch, "1 to 1024 pairs");
-    findings.require((0.0..=1.0).contains(&teaching.forcing), "teaching.forcing", teaching.forcing, "a probability from 0 to 1");
+    findings.require(
+        (0.0..=1.0).contains(&teaching.forcing),
+        "teaching.forcing",
+        teaching.forcing,
+        "a probability from 0 to 1",
+    );
     findings.require((0.0..=1.0).contains(&teaching.until), "teaching.until", teaching.until, "a share from 0 to 1");
     findings.require(pairs >= 1, "validation_pairs", pairs, "at least 1 pair");
     check_optimisation(findings, plan);
@@ -122,7 +137,11 @@ fn check_teaching(findings: &mut Findings, batch: usize, teaching: &Teaching, pa
 fn check_optimisation(findings: &mut Findings, plan: &Optimisation) {
     let rate = plan.learning_rate > 0.0 && plan.learning_rate <= 1.0;
     findings.require(rate, "optimisation.learning_rate", plan.learning_rate, "a rate above 0 and up to 1");
-    for (key, value) in [("optimisation.adam.beta1", plan.adam.beta1), ("optimisation.adam.beta2", plan.adam.beta2), ("optimisation.ema", plan.ema)] {
+    for (key, value) in [
+        ("optimisation.adam.beta1", plan.adam.beta1),
+        ("optimisation.adam.beta2", plan.adam.beta2),
+        ("optimisation.ema", plan.ema),
+    ] {
         findings.require((0.0..1.0).contains(&value), key, value, "a decay from 0 up to, not including, 1");
     }
     let epsilon = plan.adam.epsilon;

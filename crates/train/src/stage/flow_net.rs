@@ -111,9 +111,11 @@ impl Stage for FlowStage {
         let valid: Vec<&Mask> = pairs.iter().map(|pair| &pair.valid).collect();
         let target = FlowTarget::batch(&flows, &valid, device);
         let share = self.teaching.share(moment.done);
-        let output = net.forward_teaching(stack(|pair| &pair.first), stack(|pair| &pair.second), &target, share, &mut moment.rng);
+        let output =
+            net.forward_teaching(stack(|pair| &pair.first), stack(|pair| &pair.second), &target, share, &mut moment.rng);
         let loss = self.loss.forward(&output, &target);
-        let mut terms: Vec<_> = loss.levels.into_iter().enumerate().map(|(level, term)| (format!("level_{level}"), term)).collect();
+        let mut terms: Vec<_> =
+            loss.levels.into_iter().enumerate().map(|(level, term)| (format!("level_{level}"), term)).collect();
         terms.extend(loss.matching.map(|term| ("matching".to_string(), term)));
         Ok(Losses { total: loss.total, terms })
     }
@@ -156,8 +158,13 @@ impl Stage for FlowStage {
 
     fn arrays(&self, pairs: &Vec<FlowPair>) -> Vec<Array> {
         let parts = pairs.iter().enumerate().flat_map(|(i, pair)| {
-            [("first", pair.first.clone()), ("second", pair.second.clone()), ("flow", pair.flow.clone()), ("valid", pair.valid.to_planes())]
-                .map(|(name, planes)| array(format!("{i}.{name}"), planes))
+            [
+                ("first", pair.first.clone()),
+                ("second", pair.second.clone()),
+                ("flow", pair.flow.clone()),
+                ("valid", pair.valid.to_planes()),
+            ]
+            .map(|(name, planes)| array(format!("{i}.{name}"), planes))
         });
         parts.collect()
     }

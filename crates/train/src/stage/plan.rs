@@ -5,8 +5,8 @@ use super::flow_net::{FlowStage, MakePair, StartNet, random_start};
 use super::svbrdf_net::SvbrdfStage;
 use super::videos::Videos;
 use crate::config::{Config, FlowInit, PairStage};
-use dataset::chairs::{Chairs, ChairsConfig};
-use dataset::material::{Material, MaterialLibrary, Split};
+use dataset::chairs::Chairs;
+use dataset::material::{MaterialLibrary, Split};
 use dataset::pair::{FlowPair, PairConfig};
 use dataset::stream::Stream;
 use flow::weights::{ADJACENT, DISTANT};
@@ -36,14 +36,15 @@ impl Plan<'_> {
     /// Pre-training on pairs of moving shapes.
     ///
     /// # Errors
-    /// Materials that can't be had.
+    /// A config that can't work.
     pub fn chairs(&self) -> Result<FlowStage, StageError> {
         let table = &self.config.chairs;
-        let source = |split, augmentation: ChairsConfig| -> Result<MakePair, StageError> {
-            let materials = (0..table.materials as u64).map(|number| self.library.material(split, number));
-            let materials = materials.collect::<Result<Vec<Arc<Material>>, _>>().map_err(StageError::from_error)?;
-            let chairs = Chairs::new(materials, augmentation, self.streams(CHAIRS, split)).map_err(StageError::from_error)?;
-            Ok(Arc::new(move |index| Ok(chairs.pair(index))))
+        let source = |split| -> Result<MakePair, StageError> {
+            let chairs = Chairs::new(table.pairs.clone(), self.streams(CHAIRS, split)).map_err(StageError::from_error)?;
+            let library = Arc::clone(&self.library);
+            Ok(Arc::new(move |index| {
+                chairs.pair(index, |number| library.material(split, number)).map_err(|error| error.to_string())
+            }))
         };
         Ok(FlowStage {
             name: CHAIRS,
@@ -53,8 +54,8 @@ impl Plan<'_> {
             loss: table.loss.clone(),
             teaching: table.teaching.clone(),
             start: self.pretraining_start(),
-            pairs: source(Split::Train, table.pairs.clone())?,
-            held_out: source(Split::Test, table.pairs.clone())?,
+            pairs: source(Split::Train)?,
+            held_out: source(Split::Test)?,
             measured_pairs: table.validation_pairs,
             planar: false,
             cache: OnceLock::new(),
@@ -63,7 +64,7 @@ impl Plan<'_> {
 
     /// Flow between neighbouring frames.
     pub fn adjacent(&self) -> FlowStage {
-        let draw: DrawPair = |video, _, config, rng| {
+        let draw: DrawPair = |video, config, rng| {
             let frame = rng.random_range(0..video.len() - 1);
             FlowPair::adjacent(video, frame, config, rng).map_err(|error| error.to_string())
         };
@@ -72,7 +73,7 @@ impl Plan<'_> {
 
     /// What is left of the flow between the guidance image and a coarsely aligned key frame.
     pub fn distant(&self) -> FlowStage {
-        let draw: DrawPair = |video, _, config, rng| FlowPair::distant(video, config, rng).map_err(|error| error.to_string());
+        let draw: DrawPair = |video, config, rng| FlowPair::distant(video, config, rng).map_err(|error| error.to_string());
         self.pair_stage(DISTANT, &self.config.distant, draw)
     }
 
@@ -96,10 +97,16 @@ impl Plan<'_> {
 
     fn pairs(&self, name: &str, split: Split, table: &PairStage, config: PairConfig, draw: DrawPair) -> MakePair {
         let streams = self.streams(name, split);
-        let videos = Videos { library: Arc::clone(&self.library), split, config: table.videos.clone(), streams, mixed: table.mixed_videos };
+        let videos = Videos {
+            library: Arc::clone(&self.library),
+            split,
+            config: table.videos.clone(),
+            streams,
+            mixed: table.mixed_videos,
+        };
         Arc::new(move |index| {
-            let (video, place) = if split == Split::Train { videos.of_item(index)? } else { videos.of_held_out(index)? };
-            draw(&video, place, &config, &mut videos.streams.rng("pair", index))
+            let (video, _) = if split == Split::Train { videos.of_item(index)? } else { videos.of_held_out(index)? };
+            draw(&video, &config, &mut videos.streams.rng("pair", index))
         })
     }
 
@@ -158,7 +165,7 @@ impl Plan<'_> {
     }
 }
 
-type DrawPair = fn(&dataset::sequence::Sequence, usize, &PairConfig, &mut rand_chacha::ChaCha8Rng) -> Result<FlowPair, String>;
+type DrawPair = fn(&dataset::sequence::Sequence, &PairConfig, &mut rand_chacha::ChaCha8Rng) -> Result<FlowPair, String>;
 
 /// The folder of weights that come with the program: here, or in the workspace.
 pub fn released_weights() -> Option<PathBuf> {

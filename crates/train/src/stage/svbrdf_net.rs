@@ -159,7 +159,8 @@ impl Stage for SvbrdfStage {
             let rows = preview(&[&maps, &exemplar.target], BrdfModel::default());
             pictures.push(Picture { name: format!("maps{index}"), image: to_rgb(&rows) });
             let frames: Vec<&Planes> = exemplar.frames.iter().collect();
-            pictures.push(Picture { name: format!("frames{index}"), image: to_rgb(&below(&[&render::visual::beside(&frames)])) });
+            pictures
+                .push(Picture { name: format!("frames{index}"), image: to_rgb(&below(&[&render::visual::beside(&frames)])) });
         }
         Ok(pictures)
     }
@@ -182,7 +183,9 @@ fn measurements(found: Vec<(MapErrors, RenderErrors)>, baseline: Vec<(MapErrors,
         let (maps, renderings): (Vec<_>, Vec<_>) = errors.into_iter().unzip();
         MapErrors::mean(&maps).zip(RenderErrors::mean(&renderings))
     };
-    let Some(((maps, rendering), (constant_maps, constant_rendering))) = mean(found).zip(mean(baseline)) else { return Vec::new() };
+    let Some(((maps, rendering), (constant_maps, constant_rendering))) = mean(found).zip(mean(baseline)) else {
+        return Vec::new();
+    };
     let row = [
         ("maps_l1_ratio", maps.sum_l1() / constant_maps.sum_l1()),
         ("render_l1_ratio", rendering.l1 / constant_rendering.l1),

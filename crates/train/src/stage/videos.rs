@@ -1,7 +1,8 @@
 //! The videos that a stage learns from or is measured on.
 
-use dataset::exemplar::{PER_VIDEO, place};
+use dataset::exemplar::PER_VIDEO;
 use dataset::material::{MaterialLibrary, Split};
+use dataset::mixing::Mixing;
 use dataset::sequence::{Sequence, SequenceConfig};
 use dataset::stream::Stream;
 use std::sync::Arc;
@@ -36,8 +37,9 @@ impl Videos {
     /// # Errors
     /// A material that can't be had.
     pub fn of_item(&self, index: u64) -> Result<(Sequence, usize), String> {
-        let (video, place) = place(index, self.mixed, &self.streams);
-        Ok((self.video(video)?, place))
+        let mixing = Mixing { per_video: PER_VIDEO, videos: self.mixed };
+        let (video, place) = mixing.place(index, &self.streams);
+        Ok((self.video(video)?, place as usize))
     }
 
     /// Item `index` of a measurement: the items go through the videos, one each, before any comes a second time.
