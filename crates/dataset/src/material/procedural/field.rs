@@ -55,9 +55,9 @@ impl Field {
     pub fn sample(&self, x: f32, y: f32) -> f32 {
         let scale = self.size as f32 / TILE;
         let (x, y) = (x * scale - 0.5, y * scale - 0.5);
-        let (x0, y0) = (x.floor(), y.floor());
-        let (fx, fy) = (x - x0, y - y0);
-        let (left, top) = (wrap(x0 as i32, self.size), wrap(y0 as i32, self.size));
+        let (x0, y0) = (floor(x), floor(y));
+        let (fx, fy) = (x - x0 as f32, y - y0 as f32);
+        let (left, top) = (wrap(x0, self.size), wrap(y0, self.size));
         let right = if left + 1 == self.size { 0 } else { left + 1 };
         let below = if top + 1 == self.size { 0 } else { top + 1 };
         let (upper, lower) = (&self.data[top * self.size..][..self.size], &self.data[below * self.size..][..self.size]);
@@ -109,6 +109,13 @@ impl Field {
         let threshold = self.quantile(1.0 - share);
         self.clone().map(|v| smoothstep(threshold - softness, threshold + softness, v))
     }
+}
+
+/// The whole number at or below `x`; without SSE4.1 `f32::floor` is a call into the C library.
+#[inline]
+fn floor(x: f32) -> i32 {
+    let towards_zero = x as i32;
+    towards_zero - i32::from(x < towards_zero as f32)
 }
 
 /// A texel index wrapped into `0..size`.
