@@ -188,3 +188,6 @@ fn within(displacement: &Tensor<4>, radius: f32) -> Tensor<4, burn::tensor::Bool
 fn between(position: &Tensor<4>, length: usize) -> Tensor<4, burn::tensor::Bool> {
     position.clone().greater_elem(-0.5).bool_and(position.clone().lower_elem(length as f32 - 0.5))
 }
+
+#[cfg(test)]
+mod tests;

@@ -39,7 +39,8 @@ fn image(position: impl Fn(f64, f64) -> (f64, f64)) -> Planes {
 
 #[test]
 fn the_slim_net_overfits_one_pair() {
-    let turn = Matrix3::new(1.03, -0.06, 5.0, 0.05, 0.98, -4.0, 2e-4, -1e-4, 1.0);
+    // Every source position lies inside the image.
+    let turn = Matrix3::new(0.86, -0.06, 7.0, 0.05, 0.88, 2.5, 2e-4, -1e-4, 1.0);
     let homography = Homography::new(turn);
     let target: Planes = homography.flow(SIDE, SIDE);
     let valid: Mask = homography.valid(SIDE, SIDE, SIDE, SIDE);
@@ -49,25 +50,21 @@ fn the_slim_net_overfits_one_pair() {
     let device = Device::flex().autodiff();
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let mut net = PwcConfig::slim().init(&device, &mut rng);
-    let mut optimiser = AdamConfig::new().init();
-    let loss = FlowLossConfig::teaching();
+    let mut optimiser = AdamConfig::new().with_epsilon(1e-8).init();
+    // The flow error is a sum over pixels and the matching term a mean: a small image needs a small weight.
+    let loss = FlowLossConfig { matching_weight: 0.02, ..FlowLossConfig::default() };
     let truth = FlowTarget::batch(&[&target], &[&valid], &device);
     let (a, b) = (first.to_tensor(&device), second.to_tensor(&device));
-    let steps = 160;
+    let steps = 320;
     for step in 0..steps {
         let progress = step as f64 / steps as f64;
-        let output = net.forward_teaching(a.clone(), b.clone(), &truth, 0.5 - progress, &mut rng);
+        let output = net.forward_teaching(a.clone(), b.clone(), &truth, 0.5 - 2.0 * progress, &mut rng);
         let terms = loss.forward(&output, &truth);
         let gradients = GradientsParams::from_grads(terms.total.backward(), &net);
         let rate = 2e-3 * (std::f64::consts::PI * progress).cos().mul_add(0.5, 0.5) + 5e-5;
         net = optimiser.step(rate, net, gradients);
-        if step % 20 == 0 {
-            let out = Planes::from_tensor(net.flow(a.clone(), b.clone()).inner()).remove(0);
-            eprintln!("{step} {:?}", end_point_error(&out, &target, &valid).unwrap().ratio);
-        }
     }
     let flow = Planes::from_tensor(net.flow(a, b).inner()).remove(0);
     let epe = end_point_error(&flow, &target, &valid).expect("most pixels are valid");
-    eprintln!("{epe:?}");
-    assert!(epe.mean_px < 0.25 && epe.ratio < 0.05, "{epe:?}");
+    assert!(epe.ratio < 0.05 && epe.median_px < 0.1, "{epe:?}");
 }

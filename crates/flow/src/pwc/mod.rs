@@ -184,3 +184,6 @@ fn pad_to_multiple(images: Tensor<4>, multiple: usize) -> Tensor<4> {
     let (bottom, right) = (h.next_multiple_of(multiple) - h, w.next_multiple_of(multiple) - w);
     if (bottom, right) == (0, 0) { images } else { images.pad((0, right, 0, bottom), PadMode::Edge) }
 }
+
+#[cfg(test)]
+mod tests;

@@ -2,7 +2,7 @@
 
 use burn::{
     module::Module,
-    tensor::{Device, Tensor, module::avg_pool2d, ops::AvgPoolOptions, ops::PadMode},
+    tensor::{Device, Tensor, TensorData},
 };
 use rand::Rng;
 
@@ -77,10 +77,25 @@ fn local_contrast(images: Tensor<4>) -> Tensor<4> {
 
 /// Mean over a square window; the border repeats.
 fn local_mean(x: Tensor<4>) -> Tensor<4> {
-    let (r, side) = (CONTRAST_RADIUS, 2 * CONTRAST_RADIUS + 1);
-    let window = |kernel: [usize; 2]| AvgPoolOptions::new(kernel).with_stride([1, 1]);
-    let padded = x.pad((r, r, r, r), PadMode::Edge);
-    avg_pool2d(avg_pool2d(padded, window([1, side])), window([side, 1]))
+    let [n, c, h, w] = x.dims();
+    let device = x.device();
+    let along_rows = x.reshape([n * c * h, w]).matmul(window_matrix(w, &device));
+    let down_columns = along_rows.reshape([n * c, h, w]).swap_dims(1, 2).reshape([n * c * w, h]);
+    let mean = down_columns.matmul(window_matrix(h, &device));
+    mean.reshape([n * c, w, h]).swap_dims(1, 2).reshape([n, c, h, w])
+}
+
+/// A line times this matrix is the line's moving mean: far quicker than pooling, whose cost grows with the window.
+fn window_matrix(length: usize, device: &Device) -> Tensor<2> {
+    let side = 2 * CONTRAST_RADIUS + 1;
+    let mut weights = vec![0.0f32; length * length];
+    for to in 0..length {
+        for tap in 0..side {
+            let from = (to + tap).saturating_sub(CONTRAST_RADIUS).min(length - 1);
+            weights[from * length + to] += 1.0 / side as f32;
+        }
+    }
+    Tensor::from_data(TensorData::new(weights, [length, length]), device)
 }
 
 /// Features of comparable scale for the cost volume: per image without mean, per pair and channel of unit deviation, per
@@ -99,4 +114,54 @@ pub(crate) fn normalise(features: Tensor<4>) -> Tensor<4> {
     let scaled = centred / (deviation + FEATURE_FLOOR);
     let length = (scaled.clone().powi_scalar(2).mean_dim(1) + FEATURE_FLOOR).sqrt();
     scaled / length
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use burn::tensor::{module::avg_pool2d, ops::AvgPoolOptions, ops::PadMode};
+    use ops::planes::values;
+
+    fn waves(shape: [usize; 4]) -> Tensor<4> {
+        let count = shape.iter().product();
+        let wave = |i: usize| ((i * 37 % 101) as f32 * 0.7).sin() * 0.5 + 0.5;
+        Tensor::from_data(TensorData::new((0..count).map(wave).collect(), shape), &Device::flex())
+    }
+
+    fn largest_difference(a: Tensor<4>, b: Tensor<4>) -> f32 {
+        values((a - b).abs().max())[0]
+    }
+
+    #[test]
+    fn the_local_mean_is_a_pooling_with_repeated_border() {
+        let x = waves([2, 3, 20, 13]);
+        let (r, side) = (CONTRAST_RADIUS, 2 * CONTRAST_RADIUS + 1);
+        let options = AvgPoolOptions::new([side, side]).with_stride([1, 1]);
+        let pooled = avg_pool2d(x.clone().pad((r, r, r, r), PadMode::Edge), options);
+        assert!(largest_difference(local_mean(x), pooled) < 1e-5);
+    }
+
+    #[test]
+    fn local_contrast_forgets_exposure_and_keeps_flat_areas_flat() {
+        let x = waves([1, 3, 32, 32]);
+        let (bright, dark) = (local_contrast(x.clone() + 3.0), local_contrast(x));
+        assert!(largest_difference(bright, dark) < 1e-3);
+        let flat = local_contrast(Tensor::full([1, 3, 16, 16], 0.7, &Device::flex()));
+        assert!(values(flat.abs().max())[0] < 1e-4);
+    }
+
+    #[test]
+    fn normalised_features_have_unit_length_and_know_only_their_pair() {
+        let features = waves([4, 6, 9, 7]) * 5.0;
+        let normalised = normalise(features.clone());
+        let length = values(normalised.clone().powi_scalar(2).mean_dim(1));
+        assert!(length.iter().all(|l| (0.8..1.0).contains(l)), "{length:?}");
+        // The first pair alone gives what it gave in the batch of two.
+        let pick = |t: &Tensor<4>, i: usize| t.clone().slice([i..i + 1, 0..6, 0..9, 0..7]);
+        let alone = normalise(Tensor::cat(vec![pick(&features, 0), pick(&features, 2)], 0));
+        let batched = Tensor::cat(vec![pick(&normalised, 0), pick(&normalised, 2)], 0);
+        assert!(largest_difference(alone, batched) < 1e-5);
+        let constant = normalise(Tensor::full([2, 4, 5, 5], 2.0, &Device::flex()));
+        assert!(values(constant.abs().max())[0] < 1e-3);
+    }
 }
