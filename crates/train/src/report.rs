@@ -7,7 +7,7 @@ use crate::run_folder::RunFolder;
 use burn::tensor::Device;
 use dataset::image_io::Overwrite;
 use dataset::material::MaterialLibrary;
-use evaluate::method::Method;
+use scan::nets::ScanNets;
 use evaluate::report::Figures;
 use evaluate::synthetic;
 use flow::weights::{ADJACENT, DISTANT};
@@ -44,7 +44,7 @@ pub fn evaluate_nets(
     }
     let weights = folder.weights();
     let flow = |name, steps| (steps > 0).then(|| flow::weights::load(&weights, name, device).map(|(net, _)| net)).transpose();
-    let method = Method {
+    let method = ScanNets {
         adjacent: flow(ADJACENT, config.adjacent.steps)?,
         distant: flow(DISTANT, config.distant.steps)?,
         svbrdf: svbrdf::weights::load(&weights, device)?.0,

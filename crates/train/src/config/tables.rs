@@ -278,6 +278,9 @@ pub struct ChairsStage {
     pub batch: usize,
     /// The pairs.
     pub pairs: ChairsConfig,
+    /// Share of the training pairs that are neighbouring frames of rendered scans (`adjacent.videos`) instead of moving shapes:
+    /// shapes teach matching at any displacement, scans teach that highlights move but texture doesn't.
+    pub rendered_share: f64,
     /// The loss.
     pub loss: FlowLossConfig,
     /// Teacher forcing.
@@ -294,6 +297,7 @@ impl Default for ChairsStage {
             steps: 0,
             batch: 2,
             pairs: ChairsConfig { resolution: 192, ..ChairsConfig::default() },
+            rendered_share: 0.0,
             loss: FlowLossConfig::teaching(),
             teaching: Teaching::default(),
             validation_pairs: 16,

@@ -94,6 +94,7 @@ impl Config {
         findings.table = "chairs";
         let chairs = &self.chairs;
         findings.ask("pairs", chairs.pairs.validate());
+        findings.require((0.0..=1.0).contains(&chairs.rendered_share), "rendered_share", chairs.rendered_share, "0 to 1");
         findings.ask("loss", chairs.loss.validate(levels));
         check_teaching(findings, chairs.batch, &chairs.teaching, chairs.validation_pairs, &chairs.optimisation);
 

@@ -39,10 +39,18 @@ impl Plan<'_> {
     /// A config that can't work.
     pub fn chairs(&self) -> Result<FlowStage, StageError> {
         let table = &self.config.chairs;
+        let side = table.pairs.resolution;
+        let cut = PairConfig { crop: side, ..self.config.adjacent.pairs.clone() };
         let source = |split| -> Result<MakePair, StageError> {
-            let chairs = Chairs::new(table.pairs.clone(), self.streams(CHAIRS, split)).map_err(StageError::from_error)?;
+            let streams = self.streams(CHAIRS, split);
+            let chairs = Chairs::new(table.pairs.clone(), streams.clone()).map_err(StageError::from_error)?;
+            let rendered = self.pairs(CHAIRS, split, &self.config.adjacent, cut.clone(), neighbours);
+            let share = if split == Split::Train { table.rendered_share } else { 0.0 };
             let library = Arc::clone(&self.library);
             Ok(Arc::new(move |index| {
+                if streams.rng("rendered", index).random_bool(share) {
+                    return rendered(index);
+                }
                 chairs.pair(index, |number| library.material(split, number)).map_err(|error| error.to_string())
             }))
         };
@@ -64,11 +72,7 @@ impl Plan<'_> {
 
     /// Flow between neighbouring frames.
     pub fn adjacent(&self) -> FlowStage {
-        let draw: DrawPair = |video, config, rng| {
-            let frame = rng.random_range(0..video.len() - 1);
-            FlowPair::adjacent(video, frame, config, rng).map_err(|error| error.to_string())
-        };
-        self.pair_stage(ADJACENT, &self.config.adjacent, draw)
+        self.pair_stage(ADJACENT, &self.config.adjacent, neighbours)
     }
 
     /// What is left of the flow between the guidance image and a coarsely aligned key frame.
@@ -163,6 +167,12 @@ impl Plan<'_> {
         let architecture = self.config.flow.architecture();
         Box::new(move |device, rng| ops::weights::load(architecture.init(device, rng), &path).map_err(StageError::from_error))
     }
+}
+
+/// Two neighbouring frames of a video.
+fn neighbours(video: &dataset::sequence::Sequence, config: &PairConfig, rng: &mut rand_chacha::ChaCha8Rng) -> Result<FlowPair, String> {
+    let frame = rng.random_range(0..video.len() - 1);
+    FlowPair::adjacent(video, frame, config, rng).map_err(|error| error.to_string())
 }
 
 type DrawPair = fn(&dataset::sequence::Sequence, &PairConfig, &mut rand_chacha::ChaCha8Rng) -> Result<FlowPair, String>;
