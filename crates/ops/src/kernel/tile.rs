@@ -192,7 +192,10 @@ mod avx2 {
             }
         }
         let whole = gradient[0].len() / LANES * LANES;
-        super::portable_dot(rows, whole, gradient, x, acc);
+        // Most rows are whole vectors, and the nine empty loops would cost more than a short row itself.
+        if whole < gradient[0].len() {
+            super::portable_dot(rows, whole, gradient, x, acc);
+        }
     }
 
     #[inline]
