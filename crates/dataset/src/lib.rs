@@ -1,5 +1,7 @@
 //! Synthetic scanning sequences: materials, camera paths, frames with exact flow and target maps.
 
+#![allow(clippy::needless_range_loop, reason = "numbered channels, lanes and taps read plainer by index")]
+
 pub mod capture;
 pub mod chairs;
 pub mod exemplar;

@@ -116,8 +116,8 @@ impl<T: Stored> Level<T> {
 /// Whole part (towards −∞) and fraction. `f32::floor` is a call into the C library on plain x86-64; this isn't.
 #[inline(always)]
 fn whole_and_fraction(value: f32) -> (i32, f32) {
-    // Far outside any camera's view, and no NaN gets through.
-    let value = value.max(-1e7).min(1e7);
+    // Far outside any camera's view.
+    let value = value.clamp(-1e7, 1e7);
     let truncated = value as i32;
     let whole = truncated - i32::from(truncated as f32 > value);
     (whole, value - whole as f32)

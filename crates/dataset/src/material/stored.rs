@@ -248,8 +248,7 @@ fn bytes(width: usize, height: usize) -> usize {
 
 #[inline(always)]
 fn filtered<T: Stored>(levels: &[Level<T>], x: f32, y: f32, footprint: f32, wrap: Wrap) -> Lanes {
-    // The negation catches NaN too.
-    if !(footprint > 1.0) {
+    if footprint <= 1.0 || footprint.is_nan() {
         return levels[0].bilinear(x, y, wrap);
     }
     let (level, weight) = level_of(footprint, levels.len());
