@@ -7,10 +7,10 @@ use crate::run_folder::RunFolder;
 use burn::tensor::Device;
 use dataset::image_io::Overwrite;
 use dataset::material::MaterialLibrary;
-use scan::nets::ScanNets;
 use evaluate::report::Figures;
 use evaluate::synthetic;
 use flow::weights::{ADJACENT, DISTANT};
+use scan::nets::ScanNets;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 

@@ -129,7 +129,7 @@ impl<'a> Collector<'a> {
         }
         let Some(fit) = &self.fit else { return Ok(()) };
         self.seen += 1;
-        if frame % self.stride != 0 {
+        if !frame.is_multiple_of(self.stride) {
             return Ok(());
         }
         let planes = make(fit)?;
@@ -143,7 +143,7 @@ impl<'a> Collector<'a> {
         if self.frames.len() == self.capacity {
             self.thin();
         }
-        if frame % self.stride == 0 {
+        if frame.is_multiple_of(self.stride) {
             self.frames.push(planes);
             self.indices.push(frame);
         }

@@ -122,13 +122,12 @@ impl Pairs<'_> {
         while i < steps.len() {
             let end = (i..steps.len()).find(|&j| steps[j].step.reliable()).unwrap_or(steps.len());
             // A single failed step has no frame to leave out; a long run has no overlap left.
-            if (2..=4).contains(&(end - i)) {
-                if let Some(step) = self.choose(i, end, None).filter(Step::reliable) {
-                    let nothing = Candidate { origin: step.origin, homography: Homography::identity() };
-                    let rest = Step { consistency: step.consistency, margin: step.margin, ..unsupported(&nothing, 0.0) };
-                    steps[i..end].fill(NeighbourStep { step: rest, replaced: true });
-                    steps[i].step = step;
-                }
+            let bridgeable = (2..=4).contains(&(end - i));
+            if let Some(step) = bridgeable.then(|| self.choose(i, end, None)).flatten().filter(Step::reliable) {
+                let nothing = Candidate { origin: step.origin, homography: Homography::identity() };
+                let rest = Step { consistency: step.consistency, margin: step.margin, ..unsupported(&nothing, 0.0) };
+                steps[i..end].fill(NeighbourStep { step: rest, replaced: true });
+                steps[i].step = step;
             }
             i = end + 1;
         }

@@ -43,7 +43,7 @@ impl Plan<'_> {
         let cut = PairConfig { crop: side, ..self.config.adjacent.pairs.clone() };
         let source = |split| -> Result<MakePair, StageError> {
             let streams = self.streams(CHAIRS, split);
-            let chairs = Chairs::new(table.pairs.clone(), streams.clone()).map_err(StageError::from_error)?;
+            let chairs = Chairs::new(table.pairs.clone(), streams).map_err(StageError::from_error)?;
             let rendered = self.pairs(CHAIRS, split, &self.config.adjacent, cut.clone(), neighbours);
             let share = if split == Split::Train { table.rendered_share } else { 0.0 };
             let library = Arc::clone(&self.library);
@@ -170,7 +170,11 @@ impl Plan<'_> {
 }
 
 /// Two neighbouring frames of a video.
-fn neighbours(video: &dataset::sequence::Sequence, config: &PairConfig, rng: &mut rand_chacha::ChaCha8Rng) -> Result<FlowPair, String> {
+fn neighbours(
+    video: &dataset::sequence::Sequence,
+    config: &PairConfig,
+    rng: &mut rand_chacha::ChaCha8Rng,
+) -> Result<FlowPair, String> {
     let frame = rng.random_range(0..video.len() - 1);
     FlowPair::adjacent(video, frame, config, rng).map_err(|error| error.to_string())
 }

@@ -3,6 +3,8 @@
 //! The `noise` crate's fields are `f64`, evaluated point by point and periodic only through 4-D tricks; these wrap at the
 //! tile's edge by construction and cost a few nanoseconds per texel and octave.
 
+use std::f32::consts::FRAC_1_SQRT_2;
+
 use super::field::{Field, TILE};
 
 /// A well-mixed 32-bit hash of a lattice point.
@@ -130,8 +132,22 @@ fn knot(seed: u32, x: usize, y: usize) -> Knot {
     const VALUE: f32 = 0.75;
     const SLOPE: f32 = 1.0;
     const COS: [f32; 16] = [
-        1.0, 0.923_88, 0.707_107, 0.382_683, 0.0, -0.382_683, -0.707_107, -0.923_88, -1.0, -0.923_88, -0.707_107, -0.382_683,
-        0.0, 0.382_683, 0.707_107, 0.923_88,
+        1.0,
+        0.923_88,
+        FRAC_1_SQRT_2,
+        0.382_683,
+        0.0,
+        -0.382_683,
+        -FRAC_1_SQRT_2,
+        -0.923_88,
+        -1.0,
+        -0.923_88,
+        -FRAC_1_SQRT_2,
+        -0.382_683,
+        0.0,
+        0.382_683,
+        FRAC_1_SQRT_2,
+        0.923_88,
     ];
     let bits = hash(seed, x as u32, y as u32);
     let turn = (bits >> 28) as usize;

@@ -52,7 +52,7 @@ impl Courses {
     pub fn flemish(pairs: usize, rows: usize, short: f32, seed: u32) -> Self {
         let pair = TILE / pairs as f32;
         let row = |r: usize| {
-            let start = if r % 2 == 0 { 0.0 } else { 0.5 * pair };
+            let start = if r.is_multiple_of(2) { 0.0 } else { 0.5 * pair };
             sorted((0..pairs).flat_map(|p| [start + p as f32 * pair, start + (p as f32 + short) * pair]).collect())
         };
         Self { row_height: TILE / rows as f32, joints: (0..rows).map(row).collect(), seed }

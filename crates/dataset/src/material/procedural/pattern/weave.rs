@@ -33,10 +33,10 @@ impl Draft {
 
     fn warp_on_top(self, end: usize, pick: usize) -> bool {
         match self {
-            Self::Plain => (end + pick) % 2 == 0,
-            Self::Basket(n) => (end / n + pick / n) % 2 == 0,
+            Self::Plain => (end + pick).is_multiple_of(2),
+            Self::Basket(n) => (end / n + pick / n).is_multiple_of(2),
             Self::Twill { over, under } => (end + pick) % (over + under) < over,
-            Self::Satin => (end + 2 * pick) % 5 != 0,
+            Self::Satin => !(end + 2 * pick).is_multiple_of(5),
         }
     }
 }
