@@ -25,8 +25,10 @@ pub enum SettingError {
         known: String,
     },
     /// The value doesn't fit.
-    #[error("--set: {message}")]
+    #[error("--set {setting}: {message}")]
     Value {
+        /// What was given.
+        setting: String,
         /// What the parser says.
         message: String,
     },
@@ -37,13 +39,15 @@ pub enum SettingError {
 /// # Errors
 /// See [`SettingError`].
 pub fn overlay<T: Serialize + DeserializeOwned>(base: &T, settings: &[String]) -> Result<T, SettingError> {
-    let wrong = |message: String| SettingError::Value { message };
-    let mut table = toml::Table::try_from(base).map_err(|e| wrong(e.to_string()))?;
+    let wrong = |setting: &str, message: &str| SettingError::Value { setting: setting.into(), message: message.into() };
+    let mut table = toml::Table::try_from(base).map_err(|e| wrong("", &e.to_string()))?;
     for setting in settings {
         let (path, value) = setting.split_once('=').ok_or_else(|| SettingError::Form { setting: setting.clone() })?;
         insert(&mut table, path.trim(), parse(value.trim()), setting)?;
+        // One by one, so that the message names the setting that doesn't fit.
+        table.clone().try_into::<T>().map_err(|e| wrong(setting, e.message()))?;
     }
-    table.try_into().map_err(|e: toml::de::Error| wrong(e.message().to_string()))
+    table.try_into().map_err(|e: toml::de::Error| wrong("", e.message()))
 }
 
 fn parse(value: &str) -> toml::Value {
