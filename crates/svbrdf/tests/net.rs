@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use render::svbrdf::Svbrdf;
 use svbrdf::constants::ConstantMaps;
-use svbrdf::net::{Fusion, FusionError, KeyFrame, NetConfigError, Normalisation, SvbrdfNet, SvbrdfNetConfig};
+use svbrdf::net::{Fusion, FusionError, KeyFrame, NetConfigError, Normalisation, PixelFeatures, SvbrdfNet, SvbrdfNetConfig};
 use svbrdf::weights::{self, Precision};
 
 fn stream(seed: u64) -> ChaCha8Rng {
@@ -111,7 +111,7 @@ fn order_of_key_frames_does_not_matter() {
 #[test]
 fn a_fully_invalid_frame_changes_nothing_and_a_valid_one_does() {
     let device = Device::flex();
-    let net = net(&small(4), &device);
+    let net = net(&SvbrdfNetConfig { pixel_features: PixelFeatures::Extremes, ..small(4) }, &device);
     let (x, flow) = (frames(3, 16, 16, &device), flows(2, 16, 16, &device));
     let two = all_values(net.forward(
         x.clone().slice([0..2, 0..3, 0..16, 0..16]),
@@ -131,8 +131,13 @@ fn a_fully_invalid_frame_changes_nothing_and_a_valid_one_does() {
 #[test]
 fn streamed_frames_give_the_maps_of_all_at_once() {
     let device = Device::flex();
-    for fusion in [Fusion::Features, Fusion::Frames, Fusion::None] {
-        let net = net(&SvbrdfNetConfig { fusion, ..small(4) }, &device);
+    for (fusion, pixel_features) in [
+        (Fusion::Features, PixelFeatures::None),
+        (Fusion::Features, PixelFeatures::Extremes),
+        (Fusion::Frames, PixelFeatures::None),
+        (Fusion::None, PixelFeatures::None),
+    ] {
+        let net = net(&SvbrdfNetConfig { fusion, pixel_features, ..small(4) }, &device);
         let (x, flow) = (frames(4, 20, 12, &device), flows(3, 20, 12, &device));
         let at_once = all_values(net.forward(x.clone(), flow.clone(), None));
         let mut images = Planes::from_tensor(x).into_iter();

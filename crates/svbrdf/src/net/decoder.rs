@@ -32,7 +32,7 @@ pub struct Decoder {
 
 /// Per-frame features at full resolution.
 pub struct Features {
-    /// `[N, width, H, W]`, before activation.
+    /// `[N, C, H, W]`, before activation; C is the net's width, and 6 more with the frames' colours.
     pub maps: Tensor<4>,
     /// `[N, global]`
     pub global: Tensor<2>,

@@ -55,7 +55,7 @@ impl Head {
         let widths = config.head_widths();
         let layers = (0..widths.len())
             .map(|i| {
-                let from = if i == 0 { config.width } else { widths[i - 1] };
+                let from = if i == 0 { config.feature_channels() } else { widths[i - 1] };
                 HeadLayer {
                     convolution: Convolution::init(from, widths[i], config, device, rng),
                     global: GlobalTrack::init(widths[i], config.global_width(), false, device, rng),

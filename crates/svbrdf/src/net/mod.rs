@@ -65,6 +65,17 @@ pub enum Pooling {
     Max,
 }
 
+/// Whether the head sees the frames' colours beside the U-Net's features.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PixelFeatures {
+    /// Only the U-Net's features (paper).
+    None,
+    /// Each frame's linear colours and their negatives are warped and pooled too, so the head knows every pixel's brightest and
+    /// darkest observation from the first step on: what a small budget needs.
+    Extremes,
+}
+
 /// Where the outputs start before any training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -106,6 +117,8 @@ pub struct SvbrdfNetConfig {
     pub filter_gain: f32,
     /// How frames come together.
     pub fusion: Fusion,
+    /// Whether the head sees the frames' colours too.
+    pub pixel_features: PixelFeatures,
     /// What reduces the frames to one.
     pub pooling: Pooling,
     /// Share of values dropped in the three innermost decoder blocks while training; small budgets want 0.
@@ -122,6 +135,7 @@ impl Default for SvbrdfNetConfig {
             normalisation: Normalisation::Weight,
             filter_gain: 1.0,
             fusion: Fusion::Features,
+            pixel_features: PixelFeatures::None,
             pooling: Pooling::Max,
             dropout: 0.5,
             output: OutputConfig::default(),
@@ -198,6 +212,14 @@ impl SvbrdfNetConfig {
         match self.fusion {
             Fusion::Features | Fusion::None => 5,
             Fusion::Frames => 6,
+        }
+    }
+
+    /// Channels that are warped and pooled.
+    fn feature_channels(&self) -> usize {
+        match self.pixel_features {
+            PixelFeatures::None => self.width,
+            PixelFeatures::Extremes => self.width + 6,
         }
     }
 
@@ -300,8 +322,15 @@ impl SvbrdfNet {
     }
 
     fn extract(&self, inputs: Tensor<4>, dropout: Option<&mut ChaCha8Rng>) -> Features {
-        let [_, _, h, w] = inputs.dims();
-        self.decoder.forward(self.encoder.forward(inputs), [h, w], dropout)
+        let [n, _, h, w] = inputs.dims();
+        let features = self.decoder.forward(self.encoder.forward(inputs.clone()), [h, w], dropout);
+        match self.config.pixel_features {
+            PixelFeatures::None => features,
+            PixelFeatures::Extremes => {
+                let colours = inputs.slice([0..n, 0..3, 0..h, 0..w]);
+                Features { maps: Tensor::cat(vec![features.maps, colours.clone(), colours.neg()], 1), ..features }
+            }
+        }
     }
 
     /// Maps from pooled features.
