@@ -173,7 +173,6 @@ struct StageRun<'s, 'b, S: Stage> {
     streams: Stream,
     state: State,
     progress: Progress,
-    measured: Option<(String, f64)>,
     /// When this process began, less the training time before.
     began: Instant,
     seconds_before: f64,
@@ -217,7 +216,6 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
             streams,
             state,
             progress,
-            measured: None,
             began: Instant::now(),
             seconds_before,
         })
@@ -344,15 +342,16 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         let (name, step, plan) = (self.stage.name(), self.state.step, self.stage.plan());
         self.around.recorder.row(&Row { stage: name, step, kind: Kind::Train, values: &row.values })?;
         let (preview, validate) = (plan.preview_every as u64, plan.validate_every as u64);
+        let last = step == self.stage.steps() as u64;
         // One picture at once, so that a person sees within a minute what the run works on.
-        if step == 1 || step.is_multiple_of(preview) {
+        if step == 1 || step.is_multiple_of(preview) || last {
             self.preview()?;
         }
-        if validate > 0 && step.is_multiple_of(validate) && step < self.stage.steps() as u64 {
+        if (validate > 0 && step.is_multiple_of(validate)) || last {
             self.measure()?;
         }
         let shown = row.values.len().saturating_sub(2);
-        let measured = self.measured.as_ref().map(|(name, value)| (name.as_str(), *value));
+        let measured = self.state.measured.first().map(|(name, value)| (name.as_str(), *value));
         let StepRow { values, samples_per_second, waiting } = row;
         self.progress.show(&Status {
             step,
@@ -381,13 +380,13 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         Ok(self.around.recorder.flush()?)
     }
 
-    fn measure(&mut self) -> Result<Vec<(String, f64)>, TrainError> {
+    fn measure(&mut self) -> Result<(), TrainError> {
         let measured = self.stage.measure(&self.evaluated()?, &self.around.device).map_err(|source| self.failure(source))?;
-        self.measured = measured.first().cloned();
         let row = Row { stage: self.stage.name(), step: self.state.step, kind: Kind::Validate, values: &measured };
         self.around.recorder.row(&row)?;
         self.around.recorder.flush()?;
-        Ok(measured)
+        self.state.measured = measured;
+        Ok(())
     }
 
     fn save(&mut self) -> Result<(), TrainError> {
@@ -401,11 +400,9 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         Ok(())
     }
 
-    fn finish(mut self) -> Result<Outcome<S::Net>, TrainError> {
-        let measured = self.measure()?;
-        self.preview()?;
+    fn finish(self) -> Result<Outcome<S::Net>, TrainError> {
         let seconds = self.seconds_before + self.began.elapsed().as_secs_f64();
-        let trained = Trained { net: self.evaluated()?, measured, skipped: self.state.skipped.clone(), seconds };
+        let trained = Trained { net: self.evaluated()?, measured: self.state.measured, skipped: self.state.skipped, seconds };
         Ok(Outcome::Finished(Box::new(trained)))
     }
 }

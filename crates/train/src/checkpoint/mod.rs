@@ -32,6 +32,8 @@ pub struct State {
     pub adam_time: u64,
     /// Batches that are left out because a loss was not finite on them.
     pub skipped: Vec<u64>,
+    /// The latest measurements on held-out materials.
+    pub measured: Vec<(String, f64)>,
     /// Training time of the whole run so far, in seconds.
     pub seconds: f64,
     /// Digest of the part of the config that decides the results.

@@ -6,8 +6,9 @@ use super::svbrdf_net::SvbrdfStage;
 use super::videos::Videos;
 use crate::config::{Config, FlowInit, PairStage};
 use dataset::chairs::Chairs;
-use dataset::material::{MaterialLibrary, Split};
+use dataset::material::{AugmentConfig, MaterialLibrary, Split};
 use dataset::pair::{FlowPair, PairConfig};
+use dataset::sequence::SequenceConfig;
 use dataset::stream::Stream;
 use flow::weights::{ADJACENT, DISTANT};
 use rand::RngExt;
@@ -114,16 +115,20 @@ impl Plan<'_> {
         })
     }
 
+    /// Videos of one side of the split; held-out materials are shown as they are.
+    fn videos(&self, split: Split, config: &SequenceConfig, streams: Stream, mixed: u64) -> Videos {
+        let mut config = config.clone();
+        if split == Split::Test {
+            config.augment = AugmentConfig::none();
+        }
+        Videos { library: Arc::clone(&self.library), split, config, streams, mixed }
+    }
+
     /// Maps from frames.
     pub fn svbrdf(&self) -> SvbrdfStage {
         let table = self.config.svbrdf.clone();
-        let videos = |split| Videos {
-            library: Arc::clone(&self.library),
-            split,
-            config: table.videos.clone(),
-            streams: self.streams(svbrdf::weights::NAME, split),
-            mixed: table.exemplars.mixed_videos,
-        };
+        let videos =
+            |split| self.videos(split, &table.videos, self.streams(svbrdf::weights::NAME, split), table.exemplars.mixed_videos);
         let (train, held_out) = (videos(Split::Train), videos(Split::Test));
         SvbrdfStage { table, videos: train, held_out, constants: OnceLock::new(), cache: OnceLock::new() }
     }

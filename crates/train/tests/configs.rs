@@ -1,0 +1,66 @@
+//! Every config of the repository loads, and layers do what they say.
+
+use std::path::PathBuf;
+use train::config::{Config, FlowInit, Schedule};
+
+fn folder() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../configs")
+}
+
+#[test]
+fn every_config_in_the_repository_loads_and_survives_being_written_out() {
+    let mut seen = 0;
+    for entry in std::fs::read_dir(folder()).unwrap() {
+        let path = entry.unwrap().path();
+        let config = Config::load(path.to_str().unwrap(), &[]).unwrap_or_else(|error| panic!("{error}"));
+        let again: Config = toml::from_str(&config.to_toml()).unwrap();
+        assert_eq!(config, again, "{}", path.display());
+        seen += 1;
+    }
+    assert!(seen >= 4, "{seen} configs");
+}
+
+#[test]
+fn a_config_is_found_by_its_bare_name_from_any_folder() {
+    // The test's own working folder is the crate, which has no configs/.
+    assert_eq!(Config::load("smoke", &[]).unwrap(), Config::load("smoke.toml", &[]).unwrap());
+    assert_eq!(Config::load("smoke", &[]).unwrap().run.name, "smoke");
+}
+
+#[test]
+fn smoke_inherits_what_it_does_not_change() {
+    let (spiral, smoke) = (Config::load("spiral", &[]).unwrap(), Config::load("smoke", &[]).unwrap());
+    assert_eq!(smoke.svbrdf.net, spiral.svbrdf.net);
+    assert_eq!(smoke.flow.init, FlowInit::None);
+    assert!(smoke.adjacent.steps < spiral.adjacent.steps && smoke.adjacent.steps > 0);
+    assert_eq!(smoke.adjacent.optimisation.schedule, Schedule::OneCycle);
+}
+
+#[test]
+fn a_table_given_in_part_keeps_the_programs_defaults() {
+    let home = tempfile::tempdir().unwrap();
+    let path = home.path().join("part.toml");
+    std::fs::write(&path, "[adjacent]\nsteps = 1\nvideos = { noise_scale = 0.5 }\n").unwrap();
+    let config = Config::load(path.to_str().unwrap(), &[]).unwrap();
+    let flow_videos = dataset::sequence::SequenceConfig::flow();
+    assert_eq!(config.adjacent.videos, dataset::sequence::SequenceConfig { noise_scale: 0.5, ..flow_videos });
+}
+
+#[test]
+fn assignments_lie_on_top_and_take_plain_words() {
+    let set = ["run.seed=7", "flow.init=none", "adjacent.optimisation.schedule=constant", "svbrdf.exemplars.key_frames=[1, 3]"];
+    let config = Config::load("spiral", &set.map(String::from)).unwrap();
+    assert_eq!(config.run.seed, 7);
+    assert_eq!(config.flow.init, FlowInit::None);
+    assert_eq!(config.adjacent.optimisation.schedule, Schedule::Constant);
+    assert_eq!(config.svbrdf.exemplars.key_frames, [1, 3]);
+}
+
+#[test]
+fn all_impossible_values_are_told_at_once() {
+    let set = ["adjacent.batch=0", "svbrdf.optimisation.learning_rate=-1.0", "distant.teaching.until=2.0"].map(String::from);
+    let text = Config::load("spiral", &set).unwrap_err().to_string();
+    for part in ["`adjacent.batch` is 0", "`svbrdf.optimisation.learning_rate` is -1", "`distant.teaching.until` is 2"] {
+        assert!(text.contains(part), "{text}");
+    }
+}
