@@ -47,6 +47,7 @@ impl Progress {
     /// Shows a step.
     pub fn show(&mut self, status: &Status<'_>) {
         if let Some(bar) = &self.bar {
+            self.last_line = Some(Instant::now());
             bar.set_position(status.step);
             bar.set_message(describe(status));
             return;
@@ -71,7 +72,7 @@ impl Progress {
 
 impl Drop for Progress {
     fn drop(&mut self) {
-        if let Some(bar) = &self.bar {
+        if let (Some(bar), Some(_)) = (&self.bar, self.last_line) {
             bar.abandon();
         }
     }

@@ -7,14 +7,15 @@
 mod diagnosis;
 mod layers;
 mod lookup;
+mod optimisation;
 mod tables;
 mod validate;
 
 pub use diagnosis::Diagnosis;
 pub use lookup::{config_folders, find};
+pub use optimisation::{Adam, Optimisation, Schedule, Teaching};
 pub use tables::{
-    Adam, ChairsStage, Checkpointing, Config, FlowInit, FlowSize, FlowTable, OnNan, Optimisation, PairStage, Report, Run,
-    Schedule, SvbrdfStage, Teaching,
+    ChairsStage, Checkpointing, Config, FlowInit, FlowSize, FlowTable, OnNan, PairStage, Report, Run, SvbrdfStage,
 };
 pub use validate::Invalid;
 

@@ -1,6 +1,7 @@
 //! Values that parse but that no run can work with.
 
-use super::tables::{Config, Optimisation, Teaching};
+use super::optimisation::{Optimisation, Teaching};
+use super::tables::Config;
 use std::fmt::Display;
 
 /// A value the program can't work with.

@@ -1,19 +1,19 @@
-//! The training loop that all stages share.
+//! One stage while it trains: net, optimiser, data and what they report.
 
-use crate::checkpoint::{Checkpoint, CheckpointError, State, Store};
+use super::{Outcome, Surroundings, TrainError, Trained};
+use crate::checkpoint::{Checkpoint, State};
 use crate::config::OnNan;
 use crate::guard::{self, NonFinite};
-use crate::optimiser::{AdamOptimiser, Average, Gradients, NamedTensors, ParameterError, assign, gradients, rate, values};
+use crate::optimiser::{AdamOptimiser, Average, Gradients, NamedTensors, assign, gradients, rate, values};
 use crate::progress::{Progress, Status};
-use crate::recorder::{Kind, Recorder, Row};
+use crate::recorder::{Kind, Row};
 use crate::stage::{Moment, Stage, StageError};
 use burn::module::Module;
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Tensor;
 use dataset::producer::{Producer, ProducerError};
 use dataset::stream::Stream;
 use rand_chacha::rand_core::Rng;
-use std::io;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// A run gives up after going back this often in one stage: then the weights, not one exemplar, are at fault.
@@ -21,151 +21,23 @@ const MOST_RESTORES: usize = 5;
 /// Batches that are made ahead of their use, per worker.
 const AHEAD_PER_WORKER: usize = 2;
 
-/// A stage that could not be finished.
-#[derive(Debug, thiserror::Error)]
-pub enum TrainError {
-    /// The stage itself.
-    #[error("{stage}, step {step}: {source}")]
-    Stage {
-        /// Stage of the run.
-        stage: &'static str,
-        /// Optimiser step.
-        step: u64,
-        /// The reason.
-        source: StageError,
-    },
-    /// A loss or gradient that isn't a number.
-    #[error(
-        "{stage}, step {step}: the term `{term}` is {value}. The batch (number {batch}) is in {}. Try a lower learning rate or `clip`, or set `run.on_nan = \"restore\"` to go back and skip it",
-        dump.display()
-    )]
-    NonFinite {
-        /// Stage of the run.
-        stage: &'static str,
-        /// Optimiser step.
-        step: u64,
-        /// Loss term or `gradient_norm`.
-        term: String,
-        /// NaN or an infinity.
-        value: f64,
-        /// Number of the batch.
-        batch: u64,
-        /// The dumped batch.
-        dump: PathBuf,
-    },
-    /// A data worker.
-    #[error(transparent)]
-    Producer(#[from] ProducerError),
-    /// A checkpoint.
-    #[error(transparent)]
-    Checkpoint(#[from] CheckpointError),
-    /// A checkpoint of another net.
-    #[error("{stage}: the checkpoint doesn't fit the net: {source}")]
-    Parameters {
-        /// Stage of the run.
-        stage: &'static str,
-        /// What doesn't fit.
-        source: ParameterError,
-    },
-    /// Metrics, pictures or dumps that can't be written.
-    #[error("cannot write into the run folder: {0}")]
-    Io(#[from] io::Error),
-}
-
-/// What surrounds a stage.
-pub struct Surroundings<'a> {
-    /// The device without gradients.
-    pub device: Device,
-    /// Seed of the run.
-    pub seed: u64,
-    /// Threads that make batches.
-    pub data_workers: usize,
-    /// What a non-finite loss leads to.
-    pub on_nan: OnNan,
-    /// Steps between two checkpoints.
-    pub checkpoint_every: u64,
-    /// Where checkpoints lie.
-    pub store: &'a Store,
-    /// Where dumps go.
-    pub failures: &'a Path,
-    /// Where numbers and pictures go.
-    pub recorder: &'a mut dyn Recorder,
-    /// Asked after every step, with the steps done: whether to stop with a checkpoint.
-    pub stop: &'a dyn Fn(u64) -> bool,
-    /// Training time of the run before this stage, in seconds.
-    pub seconds_before: f64,
-}
-
-/// How a stage ended.
-pub enum Outcome<N> {
-    /// All steps are done.
-    Finished(Box<Trained<N>>),
-    /// A person or the system asked to stop; a checkpoint is written.
-    Stopped {
-        /// Steps done.
-        step: u64,
-    },
-}
-
-/// A trained net and what it is worth.
-pub struct Trained<N> {
-    /// The net without gradients, averaged when an average is kept.
-    pub net: N,
-    /// Measurements on held-out materials.
-    pub measured: Vec<(String, f64)>,
-    /// Batches skipped because a loss was not finite on them.
-    pub skipped: Vec<u64>,
-    /// Training time of the run so far, in seconds.
-    pub seconds: f64,
-}
-
-/// Trains a stage from its start or from a checkpoint.
-///
-/// # Errors
-/// See [`TrainError`]; everything written before stays whole.
-pub fn train<S: Stage>(
-    stage: &S,
-    around: &mut Surroundings<'_>,
-    from: Option<Checkpoint>,
-) -> Result<Outcome<S::Net>, TrainError> {
-    let steps = stage.steps() as u64;
-    let mut run = StageRun::begin(stage, around, from)?;
-    while run.state.step < steps {
-        match run.step()? {
-            Ok(row) => run.report(&row)?,
-            Err(bad) => {
-                run.recover(bad)?;
-                continue;
-            }
-        }
-        let stopping = (run.around.stop)(run.state.step) && run.state.step < steps;
-        if stopping || run.state.step.is_multiple_of(run.around.checkpoint_every) || run.state.step == steps {
-            run.save()?;
-        }
-        if stopping {
-            return Ok(Outcome::Stopped { step: run.state.step });
-        }
-    }
-    run.finish()
-}
-
 /// The numbers of a good step.
-struct StepRow {
+pub(super) struct StepRow {
     values: Vec<(String, f64)>,
     samples_per_second: f64,
     waiting: f64,
 }
 
 /// A step whose losses were not finite: what, on which batch, and where the batch was dumped.
-struct BadStep {
+pub(super) struct BadStep {
     found: NonFinite,
     batch: u64,
     dump: PathBuf,
 }
 
-struct StageRun<'s, 'b, S: Stage> {
+pub(super) struct StageRun<'s, 'b, S: Stage> {
     stage: &'s S,
-    around: &'s mut Surroundings<'b>,
+    pub(super) around: &'s mut Surroundings<'b>,
     net: S::Net,
     adam: AdamOptimiser,
     average: Option<Average>,
@@ -179,7 +51,7 @@ struct StageRun<'s, 'b, S: Stage> {
 }
 
 impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
-    fn begin(stage: &'s S, around: &'s mut Surroundings<'b>, from: Option<Checkpoint>) -> Result<Self, TrainError> {
+    pub(super) fn begin(stage: &'s S, around: &'s mut Surroundings<'b>, from: Option<Checkpoint>) -> Result<Self, TrainError> {
         let streams = Stream::new(around.seed).child(stage.name(), 0);
         let fresh = Checkpoint::default();
         let checkpoint = from.as_ref().unwrap_or(&fresh);
@@ -221,6 +93,10 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         })
     }
 
+    pub(super) fn steps_done(&self) -> u64 {
+        self.state.step
+    }
+
     fn producer(stage: &S, workers: usize, cursor: u64) -> Result<Producer<Result<S::Item, String>>, ProducerError> {
         let make = stage.make();
         Producer::new(workers, workers * AHEAD_PER_WORKER, cursor, move |index| make(index))
@@ -242,7 +118,7 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         }
     }
 
-    fn step(&mut self) -> Result<Result<StepRow, BadStep>, TrainError> {
+    pub(super) fn step(&mut self) -> Result<Result<StepRow, BadStep>, TrainError> {
         let (began, waited) = (Instant::now(), self.producer.wait_seconds());
         let plan = self.stage.plan().clone();
         let mut sum = Gradients::default();
@@ -312,7 +188,7 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
     }
 
     /// Ends the run, or goes back to the last checkpoint without the batch.
-    fn recover(&mut self, bad: BadStep) -> Result<(), TrainError> {
+    pub(super) fn recover(&mut self, bad: BadStep) -> Result<(), TrainError> {
         let name = self.stage.name();
         let BadStep { found: NonFinite { term, value }, batch, dump } = bad;
         let mut skipped = self.state.skipped.clone();
@@ -338,7 +214,7 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         Ok(())
     }
 
-    fn report(&mut self, row: &StepRow) -> Result<(), TrainError> {
+    pub(super) fn report(&mut self, row: &StepRow) -> Result<(), TrainError> {
         let (name, step, plan) = (self.stage.name(), self.state.step, self.stage.plan());
         self.around.recorder.row(&Row { stage: name, step, kind: Kind::Train, values: &row.values })?;
         let (preview, validate) = (plan.preview_every as u64, plan.validate_every as u64);
@@ -389,7 +265,7 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         Ok(())
     }
 
-    fn save(&mut self) -> Result<(), TrainError> {
+    pub(super) fn save(&mut self) -> Result<(), TrainError> {
         // Numbers first: after a resume the metrics reach at least as far as the checkpoint.
         self.around.recorder.flush()?;
         self.state.seconds = self.seconds_before + self.began.elapsed().as_secs_f64();
@@ -400,7 +276,7 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         Ok(())
     }
 
-    fn finish(self) -> Result<Outcome<S::Net>, TrainError> {
+    pub(super) fn finish(self) -> Result<Outcome<S::Net>, TrainError> {
         let seconds = self.seconds_before + self.began.elapsed().as_secs_f64();
         let trained = Trained { net: self.evaluated()?, measured: self.state.measured, skipped: self.state.skipped, seconds };
         Ok(Outcome::Finished(Box::new(trained)))
