@@ -86,7 +86,7 @@ mod tests {
     #[test]
     fn even_materials_are_low_texture_and_patterns_are_not() {
         assert!(contrast(&material(|_, _| flat(0.3))) < 1e-6);
-        let checks = |x: usize, y: usize| (x / 8 + y / 8) % 2 == 0;
+        let checks = |x: usize, y: usize| (x / 8 + y / 8).is_multiple_of(2);
         let painted = material(|x, y| flat(if checks(x, y) { 0.3 } else { 0.5 }));
         assert!(painted.textured(), "{}", contrast(&painted));
         let embossed = material(|x, y| Texel { normal: [if checks(x, y) { 0.3 } else { -0.3 }, 0.0, 0.95], ..flat(0.3) });

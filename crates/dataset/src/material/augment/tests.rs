@@ -84,7 +84,7 @@ fn draws_are_deterministic_within_range_and_cover_all_flips() {
         for (factor, v_max) in
             [(a.diffuse, maxima.diffuse), (a.specular, maxima.specular), (a.roughness[0] / 0.9, maxima.roughness)]
         {
-            assert!(factor >= 0.8 - 1e-6 && factor <= 1.25 && factor * v_max <= 1.0 + 1e-6);
+            assert!((0.8 - 1e-6..=1.25).contains(&factor) && factor * v_max <= 1.0 + 1e-6);
         }
         assert_eq!(a.perlin, None, "specular is strong");
     }
