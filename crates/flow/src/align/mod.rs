@@ -2,7 +2,7 @@
 //!
 //! All frames serve alignment, every k-th one is a key frame and serves reflectance. Neighbouring frames are linked by the
 //! most consistent of several guesses ([`candidates`], [`steps`]), key frames by the product of these steps and directly to
-//! the guidance image and to earlier key frames that show the same place ([`sequence`]); all links together place the key
+//! the guidance image and to earlier key frames that show the same place ([`Aligner`]); all links together place the key
 //! frames ([`graph`]). Every link is refined on the pixels ([`photometric`]).
 //!
 //! Nets take part through [`FlowEstimator`] and may be absent.
