@@ -103,6 +103,8 @@ pub fn fingerprint(config: &Config) -> String {
     let defaults = Config::default();
     deciding.run.name.clear();
     deciding.run.data_workers = defaults.run.data_workers;
+    // A run that stopped at a NaN may go on with `restore`: the steps before are the same.
+    deciding.run.on_nan = defaults.run.on_nan;
     deciding.run.material_cache_mib = defaults.run.material_cache_mib;
     deciding.checkpoint = defaults.checkpoint;
     deciding.report = defaults.report;

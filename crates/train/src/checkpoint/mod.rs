@@ -100,7 +100,7 @@ fn offer(previous: &Option<(PathBuf, u64)>) -> String {
                 path.display()
             )
         }
-        None => "\n  = there is no earlier checkpoint of this stage: remove the file to start the stage anew".into(),
+        None => "\n  = there is no earlier usable checkpoint of this stage: move the file away to start the stage anew".into(),
     }
 }
 

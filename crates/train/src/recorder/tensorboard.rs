@@ -52,7 +52,8 @@ impl Recorder for TensorBoard {
     }
 
     fn picture(&mut self, stage: &str, step: u64, name: &str, image: &RgbImage) -> io::Result<()> {
-        // Row-major interleaved RGB under dims [3, WIDTH, HEIGHT]: the order in which the crate really reads them.
+        // Row-major interleaved RGB under dims [3, WIDTH, HEIGHT]: the order in which the crate really reads them. (It writes the
+        // summary's width and height fields exchanged; readers go by the PNG, as TensorBoard's EventAccumulator showed.)
         let dims = [3, image.width() as usize, image.height() as usize];
         self.attempt(|writer| writer.add_image(&format!("{stage}/{name}"), image.as_raw(), &dims, step as usize));
         Ok(())
