@@ -21,6 +21,9 @@ const SHIFT: usize = 4;
 const FRAMES: usize = 3;
 const STEPS: usize = 400;
 
+/// One term of the loss.
+type Term = fn(&SvbrdfLossValues) -> f32;
+
 /// Bricks in a groove pattern, larger than a frame.
 fn sample() -> SvbrdfImage {
     let side = SIDE + SHIFT * (FRAMES - 1);
@@ -82,10 +85,10 @@ fn the_net_learns_one_exemplar_by_heart() {
         let rate = 1e-3 * (1.0 - progress).max(0.05) * ((step + 1) as f64 / 20.0).min(1.0);
         net = adam.step(rate, net, gradients);
     }
-    let mean = |part: &[SvbrdfLossValues], f: fn(&SvbrdfLossValues) -> f32| part.iter().map(f).sum::<f32>() / part.len() as f32;
+    let mean = |part: &[SvbrdfLossValues], f: Term| part.iter().map(f).sum::<f32>() / part.len() as f32;
     let (first, last) = (&history[..3], &history[STEPS - 10..]);
     // The specular albedo of rough bricks hardly shows in any picture, so it comes last.
-    let terms: [(fn(&SvbrdfLossValues) -> f32, f32); 6] = [
+    let terms: [(Term, f32); 6] = [
         (|v| v.total, 0.15),
         (|v| v.normal, 0.2),
         (|v| v.diffuse, 0.2),
