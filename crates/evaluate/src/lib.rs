@@ -1,10 +1,11 @@
 //! Floor 4: how good a method is, measured on materials it never saw (paper §8; spec 6).
 //!
 //! A *protocol* makes test scans, runs the method and its baselines on identical frames and fills a table. [`synthetic`] is the
-//! protocol that every training run ends with; [`table`] writes tables as JSON, CSV and Markdown, [`sheet`] draws contact sheets.
+//! protocol that every training run ends with, [`compare`] measures one scan on disk; [`table`] writes tables as JSON, CSV and Markdown, [`sheet`] draws contact sheets.
 
 pub mod adjacent;
 pub mod baseline;
+pub mod compare;
 pub mod materials;
 pub mod output;
 pub mod report;
@@ -30,6 +31,17 @@ pub enum EvaluateError {
     /// A picture couldn't be written.
     #[error(transparent)]
     Image(#[from] dataset::image_io::ImageError),
+    /// Maps on disk.
+    #[error(transparent)]
+    Maps(#[from] scan::export::maps::ReadMapsError),
+    /// Maps and truth of different sizes.
+    #[error("the maps in {maps} and the truth in {truth} differ in size; scan with the truth's size as --resolution")]
+    Sizes {
+        /// Folder and size of the maps.
+        maps: String,
+        /// Folder and size of the truth.
+        truth: String,
+    },
     /// A protocol's setting that can't work.
     #[error("evaluate: {name} = {found}: {expected}")]
     Config {

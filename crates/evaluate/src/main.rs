@@ -7,6 +7,8 @@ use anyhow::Context;
 use clap::{Parser, Subcommand};
 use dataset::image_io::Overwrite;
 use dataset::material::library::{MaterialLibrary, PbrConfig, ProceduralConfig, SourceConfig};
+use dataset::sequence::SequenceConfig;
+use dataset::stream::Stream;
 use evaluate::synthetic::{self, SyntheticConfig};
 use scan::nets::ScanNets;
 
@@ -48,6 +50,17 @@ enum Protocol {
         #[arg(long, default_value = "cpu")]
         device: String,
     },
+    /// The maps of one scan against the truth, beside constant maps. Prints a table.
+    Maps {
+        /// Folder that `scan` wrote.
+        maps: PathBuf,
+        /// Folder with the true NormalGL.exr, Diffuse.exr, Roughness.exr and Specular.exr.
+        #[arg(long)]
+        truth: PathBuf,
+        /// Where the constant maps come from: a folder of PBR material folders, or `procedural`.
+        #[arg(long, default_value = "procedural")]
+        materials: String,
+    },
 }
 
 fn main() -> ExitCode {
@@ -76,7 +89,12 @@ fn report(error: &anyhow::Error, code: u8) -> ExitCode {
 }
 
 fn run(Arguments { protocol }: Arguments) -> Result<(), Failure> {
-    let Protocol::Synthetic { weights, materials, out, force, settings, dry_run, device } = protocol;
+    let (weights, materials, out, force, settings, dry_run, device) = match protocol {
+        Protocol::Maps { maps, truth, materials } => return compare(&maps, &truth, &materials),
+        Protocol::Synthetic { weights, materials, out, force, settings, dry_run, device } => {
+            (weights, materials, out, force, settings, dry_run, device)
+        }
+    };
     let config = settings_of(&settings).map_err(Failure::Usage)?;
     if device != "cpu" {
         let error = anyhow::anyhow!("--device {device}: this build has cpu only; train and evaluate run there");
@@ -110,6 +128,16 @@ fn run(Arguments { protocol }: Arguments) -> Result<(), Failure> {
     .context("running the protocol")?;
     evaluate::output::write(&results, &out, overwrite).context("writing the results")?;
     println!("{}", std::fs::read_to_string(out.join("table.md")).context("reading the table back")?);
+    Ok(())
+}
+
+fn compare(maps: &Path, truth: &Path, materials: &str) -> Result<(), Failure> {
+    let config = SyntheticConfig::default();
+    let library = MaterialLibrary::open(&[source(materials)?], config.seed, CACHE_BYTES).context("opening the materials")?;
+    let (scans, streams) = (SequenceConfig::svbrdf(), Stream::new(config.seed));
+    let constants = evaluate::baseline::constant_maps(&library, &scans, &streams, config.constant_videos)
+        .context("making the constant maps")?;
+    print!("{}", evaluate::compare::compare(maps, truth, &constants).context("comparing the maps")?.markdown());
     Ok(())
 }
 

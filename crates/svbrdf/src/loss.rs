@@ -32,11 +32,14 @@ pub struct LossWeights {
     pub rendering: f32,
     /// L_t, renderings from the top.
     pub top: f32,
+    /// Logits in tanh's flat ends ([`Prediction::excess`](crate::net::Prediction::excess)); 0 in the paper. Small budgets with
+    /// high learning rates need it: outputs that tipped over have no other gradient.
+    pub excess: f32,
 }
 
 impl Default for LossWeights {
     fn default() -> Self {
-        Self { maps: 0.1, rendering: 1.0, top: 1.0 }
+        Self { maps: 0.1, rendering: 1.0, top: 1.0, excess: 0.0 }
     }
 }
 
@@ -92,7 +95,7 @@ impl LossConfig {
         let roughness = mean_distance(predicted.roughness.clone(), target.roughness.clone()) * 2.0;
         let specular = mean_log_distance(predicted.specular.clone(), target.specular.clone());
         let maps = normal.clone() + diffuse.clone() + roughness.clone() + specular.clone();
-        let LossWeights { maps: w_maps, rendering: w_rendering, top: w_top } = self.weights;
+        let LossWeights { maps: w_maps, rendering: w_rendering, top: w_top, .. } = self.weights;
         let renderings = match self.kind {
             LossKind::Paper => rendering.clone() * w_rendering + top.clone() * w_top,
             LossKind::SingleMean => (rendering.clone() * RENDERING_SHARE + top.clone() * (1.0 - RENDERING_SHARE)) * w_rendering,

@@ -5,9 +5,12 @@ use burn::tensor::{Device, Tensor, TensorData};
 use ops::planes::{Planes, values};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use render::svbrdf::Svbrdf;
+use render::svbrdf::{Svbrdf, SvbrdfImage};
+use render::texel::Texel;
 use svbrdf::constants::ConstantMaps;
-use svbrdf::net::{Fusion, FusionError, KeyFrame, NetConfigError, Normalisation, PixelFeatures, SvbrdfNet, SvbrdfNetConfig};
+use svbrdf::net::{
+    FitExemplar, Fusion, FusionError, KeyFrame, NetConfigError, Normalisation, PixelFeatures, SvbrdfNet, SvbrdfNetConfig,
+};
 use svbrdf::weights::{self, Precision};
 
 fn stream(seed: u64) -> ChaCha8Rng {
@@ -196,8 +199,64 @@ fn saturation_counts_flat_outputs() {
         None,
     );
     assert!(tame.saturation() < 0.5);
-    let outputs = Tensor::cat(vec![Tensor::full([1, 3, 2, 2], -0.99, &device), Tensor::zeros([1, 6, 2, 2], &device)], 1);
-    assert!((svbrdf::net::Prediction { outputs, ..tame }.saturation() - 1.0 / 3.0).abs() < 1e-6);
+    let logits = Tensor::cat(vec![Tensor::full([1, 3, 2, 2], -2.7, &device), Tensor::zeros([1, 6, 2, 2], &device)], 1);
+    assert!((svbrdf::net::Prediction { logits, ..tame }.saturation() - 1.0 / 3.0).abs() < 1e-6);
+}
+
+#[test]
+fn outputs_that_tipped_over_have_a_way_back() {
+    let device = Device::flex().autodiff();
+    let tame = net(&small(3), &device).predict(
+        frames(1, 8, 8, &device),
+        flows(1, 8, 8, &device).slice([0..0, 0..2, 0..8, 0..8]),
+        None,
+        None,
+    );
+    let logits = Tensor::<1>::from_floats([-2.0, 0.0, 2.0, 40.0, -40.0, 0.0, 0.0, 0.0, 0.0], &device).require_grad();
+    let tipped = svbrdf::net::Prediction { logits: logits.clone().reshape([1, 9, 1, 1]), ..tame };
+    let excess = tipped.excess();
+    // 2 · (40 − 2.3)² / 9
+    assert!((values(excess.clone())[0] / 315.84 - 1.0).abs() < 1e-4, "{}", values(excess.clone())[0]);
+    let slopes = values(logits.grad(&excess.backward()).expect("logits are tracked"));
+    assert!(slopes[3] > 1.0 && slopes[4] < -1.0 && slopes[..3].iter().all(|s| *s == 0.0), "{slopes:?}");
+}
+
+#[test]
+fn albedos_start_at_what_the_colours_tell() {
+    let device = Device::flex();
+    let constants = ConstantMaps { diffuse: [0.3; 3], roughness: 0.6, specular: [0.04; 3] };
+    let config = SvbrdfNetConfig { pixel_features: PixelFeatures::Extremes, ..small(3) };
+    let start = config.init(&device, &mut stream(3)).unwrap().starting_at(&constants);
+    // Still frames in which a rough material's diffuse albedo is what the camera sees.
+    let exemplar = |seed: u64| {
+        let mut rng = stream(seed);
+        let tint: [f32; 3] = std::array::from_fn(|_| rng.random_range(0.2..0.8));
+        let shade: Vec<f32> = (0..32 * 32).map(|_| rng.random_range(0.7..1.2)).collect();
+        let texel = Texel { normal: [0.0, 0.0, 1.0], diffuse: [0.0; 3], roughness: 0.9, specular: [0.04; 3] };
+        let mut target = SvbrdfImage::constant(32, 32, &texel);
+        let colours = tint.iter().flat_map(|t| shade.iter().map(move |s| t * s)).collect();
+        target.diffuse = Planes::from_vec(3, 32, 32, colours);
+        let frame = target.diffuse.clone().map(|v| v.powf(1.0 / 2.2)).to_tensor(&device);
+        let frames = Tensor::cat(vec![frame.clone(), frame], 0);
+        FitExemplar {
+            frames,
+            flow: Tensor::zeros([1, 2, 32, 32], &device),
+            valid: Tensor::ones([1, 1, 32, 32], &device),
+            target,
+        }
+    };
+    let net = start.clone().fitted_to((0..12).map(|i| Ok::<_, ()>(exemplar(i)))).unwrap();
+    let error = |net: &SvbrdfNet| {
+        let FitExemplar { frames, flow, target, .. } = exemplar(99);
+        let maps = net.forward(frames, flow, None).to_images().remove(0);
+        let roughness = values(maps.roughness.to_tensor(&device))[0];
+        (svbrdf::metrics::MapErrors::between(&maps, &target, None).unwrap(), roughness)
+    };
+    let ((before, rough), (after, still_rough)) = (error(&start), error(&net));
+    assert!(after.diffuse_l1 < 0.3 * before.diffuse_l1, "{} → {}", before.diffuse_l1, after.diffuse_l1);
+    assert_eq!((after.normal_l1, still_rough), (before.normal_l1, rough));
+    let unfitted = start.clone().fitted_to(std::iter::empty::<Result<FitExemplar, ()>>()).unwrap();
+    assert_eq!(error(&unfitted).0, before);
 }
 
 #[test]

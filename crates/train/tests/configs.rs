@@ -58,9 +58,20 @@ fn assignments_lie_on_top_and_take_plain_words() {
 
 #[test]
 fn all_impossible_values_are_told_at_once() {
-    let set = ["adjacent.batch=0", "svbrdf.optimisation.learning_rate=-1.0", "distant.teaching.until=2.0"].map(String::from);
+    let set = [
+        "adjacent.batch=0",
+        "svbrdf.optimisation.learning_rate=-1.0",
+        "distant.teaching.until=2.0",
+        "svbrdf.loss.weights.excess=-0.5",
+    ]
+    .map(String::from);
     let text = Config::load("spiral", &set).unwrap_err().to_string();
-    for part in ["`adjacent.batch` is 0", "`svbrdf.optimisation.learning_rate` is -1", "`distant.teaching.until` is 2"] {
+    for part in [
+        "`adjacent.batch` is 0",
+        "`svbrdf.optimisation.learning_rate` is -1",
+        "`distant.teaching.until` is 2",
+        "`svbrdf.loss.weights.excess` is -0.5",
+    ] {
         assert!(text.contains(part), "{text}");
     }
 }

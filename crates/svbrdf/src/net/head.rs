@@ -4,18 +4,22 @@ use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use ops::activation::bias_leaky_relu;
 use ops::conv::{Conv3x3, Padding, conv3x3};
+use ops::planes::values;
 use rand_chacha::ChaCha8Rng;
 use render::svbrdf::Svbrdf;
 
 use super::convolution::{Convolution, gaussian};
 use super::global_track::GlobalTrack;
+use super::least_squares::{ALBEDOS, AlbedoRows};
 use super::{LEAK, SvbrdfNetConfig};
 use crate::constants::{ConstantMaps, OUTPUTS};
 
 /// Largest slope |nx / nz| or |ny / nz| the net can express (paper §6: tanh × 3).
 pub const NORMAL_SLOPE: f32 = 3.0;
-/// Beyond this, tanh passes less than 4 % of the gradient.
-const SATURATED: f32 = 0.98;
+/// Logits beyond this (|tanh| > 0.98) pass less than 4 % of the gradient.
+const FLAT: f32 = 2.3;
+
+const SAME: Conv3x3 = Conv3x3 { stride: 1, dilation: 1, padding: Padding::Edge };
 
 #[derive(Module, Debug)]
 struct HeadLayer {
@@ -27,10 +31,12 @@ struct HeadLayer {
 #[derive(Module, Debug)]
 pub struct Head {
     layers: Vec<HeadLayer>,
-    /// `[9, C, 3, 3]`, not normalised.
+    /// `[9, C, 3, 3]`, not normalised; the last 6 of C are pooled colours where the net has them.
     weight: Param<Tensor<4>>,
     /// `[9]`
     bias: Param<Tensor<1>>,
+    /// Pooled channels that come from the U-Net; colours follow.
+    features: usize,
 }
 
 /// Maps with the net's bounded outputs they were made of.
@@ -38,15 +44,20 @@ pub struct Head {
 pub struct Prediction {
     /// The maps, one per batch entry.
     pub maps: Svbrdf,
-    /// `[1, 9, H, W]` in (−1, 1): nx, ny, diffuse ×3, roughness, specular ×3.
-    pub outputs: Tensor<4>,
+    /// `[1, 9, H, W]`, before tanh: nx, ny, diffuse ×3, roughness, specular ×3.
+    pub logits: Tensor<4>,
 }
 
 impl Prediction {
     /// The share of outputs in tanh's flat ends (|tanh| > 0.98). A share that climbs early in training means the net tips over.
     pub fn saturation(&self) -> f32 {
-        let outputs = self.outputs.clone().detach().abs();
-        ops::planes::values(outputs.greater_elem(SATURATED).float().mean())[0]
+        let logits = self.logits.clone().detach().abs();
+        values(logits.greater_elem(FLAT).float().mean())[0]
+    }
+
+    /// Mean square of the logits' part in tanh's flat ends, `[1]`: the way back for outputs that no other loss can move.
+    pub fn excess(&self) -> Tensor<1> {
+        (self.logits.clone().abs() - FLAT).clamp_min(0.0).square().mean()
     }
 }
 
@@ -62,11 +73,12 @@ impl Head {
                 }
             })
             .collect();
-        let inputs = *widths.last().expect("the head has layers");
+        let inputs = *widths.last().expect("the head has layers") + config.feature_channels() - config.width;
         // Xavier normal: √(2 / (fan in + fan out)), times the configured gain (spec 4.1: 0.02).
         let std = config.output.gain * (2.0 / (9 * (inputs + OUTPUTS)) as f32).sqrt();
         let weight = gaussian([OUTPUTS, inputs, 3, 3], std, device, rng);
-        Self { layers, weight, bias: Param::from_data(TensorData::new(vec![0.0f32; OUTPUTS], [OUTPUTS]), device) }
+        let bias = Param::from_data(TensorData::new(vec![0.0f32; OUTPUTS], [OUTPUTS]), device);
+        Self { layers, weight, bias, features: config.width }
     }
 
     /// The same head whose outputs start at `constants`.
@@ -77,22 +89,49 @@ impl Head {
         self
     }
 
-    /// Decodes pooled features.
+    /// The same head with other albedos.
+    pub(super) fn with_albedos(mut self, rows: AlbedoRows) -> Self {
+        let (device, shape) = (self.bias.val().device(), self.weight.dims());
+        let (mut weight, mut bias) = (values(self.weight.val()), values(self.bias.val()));
+        let length = weight.len() / OUTPUTS;
+        for (i, output) in ALBEDOS.into_iter().enumerate() {
+            weight[output * length..][..length].copy_from_slice(&rows.weight[i * length..][..length]);
+            bias[output] = rows.bias[i];
+        }
+        self.weight = Param::from_data(TensorData::new(weight, shape), &device);
+        self.bias = Param::from_data(TensorData::new(bias, [OUTPUTS]), &device);
+        self
+    }
+
+    /// What the last layer reads.
     ///
     /// # Shapes
-    /// `pooled [1, width, H, W]`, `global [1, G]`
-    pub fn forward(&self, pooled: Tensor<4>, global: Tensor<2>) -> Prediction {
-        let same = Conv3x3::same(Padding::Edge);
+    /// `pooled [1, width, H, W]` or, with the frames' colours, `[1, width + 6, H, W]`; `global [1, G]` → `[1, C, H, W]`
+    pub(super) fn last_inputs(&self, pooled: Tensor<4>, global: Tensor<2>) -> Tensor<4> {
+        let [n, c, h, w] = pooled.dims();
+        let colours = (c > self.features).then(|| pooled.clone().slice([0..n, self.features..c, 0..h, 0..w]));
         let mut x = bias_leaky_relu(pooled, None, LEAK);
         let mut global = global;
         for layer in &self.layers {
-            let response = layer.convolution.respond(x, same);
+            let response = layer.convolution.respond(x, SAME);
             let step = layer.global.forward(response.means, Some(global));
             x = bias_leaky_relu(response.maps, step.bias, LEAK);
             global = step.global;
         }
-        let outputs = (conv3x3(x, self.weight.val(), same) + self.bias.val().reshape([1, OUTPUTS, 1, 1])).tanh();
-        Prediction { maps: to_maps(outputs.clone()), outputs }
+        match colours {
+            Some(colours) => Tensor::cat(vec![x, colours], 1),
+            None => x,
+        }
+    }
+
+    /// Decodes pooled features.
+    ///
+    /// # Shapes
+    /// See [`Self::last_inputs`].
+    pub fn forward(&self, pooled: Tensor<4>, global: Tensor<2>) -> Prediction {
+        let inputs = self.last_inputs(pooled, global);
+        let logits = conv3x3(inputs, self.weight.val(), SAME) + self.bias.val().reshape([1, OUTPUTS, 1, 1]);
+        Prediction { maps: to_maps(logits.clone().tanh()), logits }
     }
 
     pub(super) fn convolutions(&self) -> impl Iterator<Item = &Convolution> {

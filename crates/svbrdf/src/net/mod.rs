@@ -6,11 +6,12 @@ pub mod encoder;
 pub mod fusion;
 pub mod global_track;
 pub mod head;
+mod least_squares;
 
 use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor};
 use rand_chacha::ChaCha8Rng;
-use render::svbrdf::Svbrdf;
+use render::svbrdf::{Svbrdf, SvbrdfImage};
 use serde::{Deserialize, Serialize};
 
 pub use decoder::Features;
@@ -20,7 +21,9 @@ pub use head::Prediction;
 use crate::constants::ConstantMaps;
 use decoder::Decoder;
 use encoder::Encoder;
+use fusion::masked_flow;
 use head::Head;
+use least_squares::LeastSquares;
 
 /// Negative slope of every leaky ReLU (spec 4.1).
 pub const LEAK: f32 = 0.2;
@@ -82,8 +85,10 @@ pub enum PixelFeatures {
 pub enum OutputStart {
     /// Zero bias: mid-grey albedos and roughness, flat normals (paper).
     Zero,
-    /// The medians of the training targets, set by [`SvbrdfNet::starting_at`]: what a small budget needs.
+    /// The medians of the training targets, set by [`SvbrdfNet::starting_at`].
     Medians,
+    /// Medians, but albedos that suit the untrained features best, set by [`SvbrdfNet::fitted_to`]: what a small budget needs.
+    LeastSquares,
 }
 
 /// Initial state of the last layer.
@@ -241,6 +246,18 @@ impl SvbrdfNetConfig {
     }
 }
 
+/// A known case for [`SvbrdfNet::fitted_to`]: what [`SvbrdfNet::forward`] takes and the maps it should give.
+pub struct FitExemplar {
+    /// `[K + 1, 3, H, W]`
+    pub frames: Tensor<4>,
+    /// `[K, 2, H, W]`
+    pub flow: Tensor<4>,
+    /// `[K, 1, H, W]`
+    pub valid: Tensor<4>,
+    /// The guidance frame's maps.
+    pub target: SvbrdfImage,
+}
+
 /// The SVBRDF net.
 #[derive(Module, Debug)]
 pub struct SvbrdfNet {
@@ -274,21 +291,25 @@ impl SvbrdfNet {
         valid: Option<Tensor<4>>,
         dropout: Option<&mut ChaCha8Rng>,
     ) -> Prediction {
+        let pooled = self.pooled(frames, masked_flow(flow, valid), dropout);
+        self.decode(pooled)
+    }
+
+    /// The features of all frames, merged in the guidance frame's pixels.
+    fn pooled(&self, frames: Tensor<4>, flow: Tensor<4>, dropout: Option<&mut ChaCha8Rng>) -> Features {
         let [n, _, h, w] = frames.dims();
-        let flow = fusion::masked_flow(flow, valid);
         let guided = Tensor::cat(vec![Tensor::zeros([1, 2, h, w], &flow.device()), flow.clone()], 0);
         let features = self.extract(self.frame_inputs(frames, guided), dropout);
         let [_, c, _, _] = features.maps.dims();
         let [_, g] = features.global.dims();
         if n == 1 {
-            return self.decode(features);
+            return features;
         }
         let part = |range: std::ops::Range<usize>| Features {
             maps: features.maps.clone().slice([range.clone(), 0..c, 0..h, 0..w]),
             global: features.global.clone().slice([range, 0..g]),
         };
-        let pooled = self.pool(part(0..1), part(1..n), flow);
-        self.decode(pooled)
+        self.pool(part(0..1), part(1..n), flow)
     }
 
     /// What the encoder reads: linear light in [−1, 1], coordinates and, for warped frames, their mask.
@@ -342,6 +363,25 @@ impl SvbrdfNet {
     pub fn starting_at(mut self, constants: &ConstantMaps) -> Self {
         self.head = self.head.starting_at(constants);
         self
+    }
+
+    /// The same net with the last layer whose albedo logits come nearest to those of the exemplars' maps.
+    ///
+    /// Each exemplar holds what [`Self::forward`] takes, and the maps. Without any exemplar the net stays as it is.
+    pub fn fitted_to<E>(mut self, exemplars: impl IntoIterator<Item = Result<FitExemplar, E>>) -> Result<Self, E> {
+        let mut fit: Option<LeastSquares> = None;
+        for exemplar in exemplars {
+            let FitExemplar { frames, flow, valid, target } = exemplar?;
+            let pooled = self.pooled(frames, masked_flow(flow, Some(valid)), None);
+            let inputs = self.head.last_inputs(pooled.maps, pooled.global);
+            let [_, channels, _, _] = inputs.dims();
+            let inputs = ops::planes::Planes::from_tensor(inputs).remove(0);
+            fit.get_or_insert_with(|| LeastSquares::new(channels)).add(&inputs, &target);
+        }
+        if let Some(rows) = fit.and_then(LeastSquares::solve) {
+            self.head = self.head.with_albedos(rows);
+        }
+        Ok(self)
     }
 
     /// Number of filter weights of all convolutions (41 M at width 64).

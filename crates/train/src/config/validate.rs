@@ -3,6 +3,7 @@
 use super::optimisation::{Optimisation, Teaching};
 use super::tables::Config;
 use std::fmt::Display;
+use svbrdf::loss::LossWeights;
 
 /// A value the program can't work with.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -114,6 +115,11 @@ impl Config {
     fn check_svbrdf(&self, findings: &mut Findings) {
         findings.table = "svbrdf";
         let stage = &self.svbrdf;
+        let LossWeights { maps, rendering, top, excess } = stage.loss.weights;
+        for (key, weight) in [("maps", maps), ("rendering", rendering), ("top", top), ("excess", excess)] {
+            let fits = weight.is_finite() && weight >= 0.0;
+            findings.require(fits, &format!("loss.weights.{key}"), weight, "a finite weight of at least 0");
+        }
         findings.ask("net", stage.net.validate());
         findings.ask("exemplars", stage.exemplars.validate());
         findings.ask("videos", stage.videos.validate());

@@ -17,7 +17,7 @@ use render::visual::below;
 use std::sync::{Arc, OnceLock};
 use svbrdf::constants::ConstantMaps;
 use svbrdf::metrics::{MapErrors, RenderErrors};
-use svbrdf::net::SvbrdfNet;
+use svbrdf::net::{FitExemplar, SvbrdfNet};
 use svbrdf::visual::preview;
 
 /// Exemplars shown in a preview.
@@ -52,6 +52,16 @@ impl SvbrdfStage {
             ConstantMaps::medians(&targets).ok_or_else(|| "there is no exemplar to take medians of".to_string())
         });
         made.clone().map_err(StageError)
+    }
+
+    /// Training exemplars for the start of the last layer, from the videos that the medians come from.
+    fn fit_exemplars<'a>(&'a self, device: &'a Device) -> impl Iterator<Item = Result<FitExemplar, StageError>> + 'a {
+        (0..self.table.median_exemplars as u64).map(|number| {
+            let mut rng = self.videos.streams.rng("fit", number);
+            let exemplar = Exemplar::draw(&self.videos.video(number).map_err(StageError)?, 0, &self.table.exemplars, &mut rng);
+            let (frames, flow, valid) = inputs(&exemplar, device);
+            Ok(FitExemplar { frames, flow, valid, target: exemplar.target })
+        })
     }
 
     fn held_out(&self) -> Result<&[Exemplar], StageError> {
@@ -104,6 +114,9 @@ impl Stage for SvbrdfStage {
         let net = self.table.net.init(device, rng).map_err(StageError::from_error)?;
         Ok(match self.table.net.output.start {
             svbrdf::net::OutputStart::Medians => net.starting_at(&self.constants()?),
+            svbrdf::net::OutputStart::LeastSquares => {
+                net.starting_at(&self.constants()?).fitted_to(self.fit_exemplars(device))?
+            }
             svbrdf::net::OutputStart::Zero => net,
         })
     }
@@ -122,6 +135,10 @@ impl Stage for SvbrdfStage {
         let prediction = net.predict(frames, flow, Some(valid), Some(&mut moment.rng));
         let target = exemplar.target.to_tensor(device);
         let loss = self.table.loss.evaluate(&prediction.maps, &target, &views, BrdfModel::default());
+        let total = match self.table.loss.weights.excess {
+            weight if weight > 0.0 => loss.total + prediction.excess() * weight,
+            _ => loss.total,
+        };
         let saturated = Tensor::from_data([prediction.saturation()], device);
         let terms = [
             ("rendering", loss.rendering),
@@ -133,7 +150,7 @@ impl Stage for SvbrdfStage {
             // Watched, not minimised: a share that climbs early means that the net tips over.
             ("saturated", saturated),
         ];
-        Ok(Losses { total: loss.total, terms: terms.map(|(name, term)| (name.to_string(), term)).into() })
+        Ok(Losses { total, terms: terms.map(|(name, term)| (name.to_string(), term)).into() })
     }
 
     fn measure(&self, net: &SvbrdfNet, device: &Device) -> Result<Vec<(String, f64)>, StageError> {

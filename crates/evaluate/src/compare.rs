@@ -1,0 +1,107 @@
+//! Maps on disk beside the truth: how good one scan became.
+
+use std::path::Path;
+
+use render::brdf::BrdfModel;
+use render::svbrdf::SvbrdfImage;
+use render::views::EvaluationViews;
+use scan::export::maps::read_exr;
+use svbrdf::constants::ConstantMaps;
+use svbrdf::metrics::{MapErrors, RenderErrors};
+
+use crate::EvaluateError;
+
+/// Errors of one set of maps and of constant maps against the same truth.
+pub struct Comparison {
+    /// The maps' errors.
+    pub found: (MapErrors, RenderErrors),
+    /// Those of the constant maps.
+    pub constant: (MapErrors, RenderErrors),
+}
+
+/// Compares the maps that `scan` wrote with a truth and with constant maps.
+///
+/// # Errors
+/// If either folder lacks a map, or their sizes differ.
+pub fn compare(maps: &Path, truth: &Path, constants: &ConstantMaps) -> Result<Comparison, EvaluateError> {
+    let (found, truth_maps) = (read_exr(maps)?, read_exr(truth)?);
+    let (height, width) = (truth_maps.height(), truth_maps.width());
+    let views = EvaluationViews::standard();
+    let errors = |maps: &SvbrdfImage| {
+        let render = RenderErrors::between(maps, &truth_maps, &views, BrdfModel::default());
+        MapErrors::between(maps, &truth_maps, None).zip(render)
+    };
+    let sizes = || EvaluateError::Sizes {
+        maps: format!("{} ({}×{})", maps.display(), found.height(), found.width()),
+        truth: format!("{} ({height}×{width})", truth.display()),
+    };
+    Ok(Comparison {
+        found: errors(&found).ok_or_else(sizes)?,
+        constant: errors(&constants.to_image(height, width)).ok_or_else(sizes)?,
+    })
+}
+
+impl Comparison {
+    /// Name, error and constant maps' error of every figure; those that a small image lacks are left out.
+    pub fn figures(&self) -> Vec<(&'static str, f64, f64)> {
+        let of = |(maps, render): &(MapErrors, RenderErrors)| {
+            [
+                ("diffuse L1", Some(maps.diffuse_l1)),
+                ("specular L1", Some(maps.specular_l1)),
+                ("roughness L1", Some(maps.roughness_l1)),
+                ("normal L1", Some(maps.normal_l1)),
+                ("normal, degrees", Some(maps.normal_deg)),
+                ("re-rendering L1", Some(render.l1)),
+                ("re-rendering DSSIM", render.dssim),
+            ]
+        };
+        let pairs = of(&self.found).into_iter().zip(of(&self.constant));
+        pairs.filter_map(|((name, found), (_, constant))| Some((name, found?, constant?))).collect()
+    }
+
+    /// The figures as a Markdown table.
+    pub fn markdown(&self) -> String {
+        let mut text = String::from("| error | maps | constant maps | ratio |\n|---|---|---|---|\n");
+        for (name, found, constant) in self.figures() {
+            text += &format!("| {name} | {found:.4} | {constant:.4} | {:.3} |\n", found / constant);
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use render::texel::Texel;
+    use scan::export::maps::write_truth;
+
+    fn constants() -> ConstantMaps {
+        ConstantMaps { diffuse: [0.2; 3], roughness: 0.5, specular: [0.04; 3] }
+    }
+
+    fn folder(side: usize, diffuse: f32) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        let texel = Texel { normal: [0.0, 0.0, 1.0], diffuse: [diffuse; 3], roughness: 0.3, specular: [0.04; 3] };
+        write_truth(folder.path(), &SvbrdfImage::constant(side, side, &texel)).unwrap();
+        folder
+    }
+
+    #[test]
+    fn errors_stand_beside_those_of_constant_maps() {
+        let (maps, truth) = (folder(16, 0.5), folder(16, 0.6));
+        let comparison = compare(maps.path(), truth.path(), &constants()).unwrap();
+        let figures = comparison.figures();
+        let figure = |name: &str| figures.iter().find(|f| f.0 == name).map(|f| (f.1, f.2)).unwrap();
+        let near = |a: (f64, f64), b: (f64, f64)| (a.0 - b.0).abs() < 1e-6 && (a.1 - b.1).abs() < 1e-6;
+        assert!(near(figure("diffuse L1"), (0.1, 0.4)), "{:?}", figure("diffuse L1"));
+        assert!(near(figure("roughness L1"), (0.0, 0.2)));
+        assert!(figure("re-rendering L1").0 < figure("re-rendering L1").1);
+        assert!(comparison.markdown().contains("| diffuse L1 | 0.1000 | 0.4000 | 0.250 |"));
+    }
+
+    #[test]
+    fn maps_of_another_size_are_refused() {
+        let error = compare(folder(16, 0.5).path(), folder(32, 0.5).path(), &constants()).err().unwrap().to_string();
+        assert!(error.contains("16×16") && error.contains("32×32") && error.contains("--resolution"), "{error}");
+    }
+}
