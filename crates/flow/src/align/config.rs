@@ -19,6 +19,8 @@ pub struct AlignConfig {
     pub candidates: CandidateSwitches,
     /// The direct photometric refinement.
     pub photometric: PhotometricConfig,
+    /// Whether what stands still in the image during the whole scan, such as the flash's highlight, is taken out first.
+    pub steady: bool,
     /// Whether the `distant` net, where there is one, estimates the flow that remains against the guidance image.
     pub distant: bool,
     /// Whether key frames are also tied to earlier key frames that show the same place.
@@ -38,6 +40,7 @@ impl Default for AlignConfig {
             regularise: Regularise::Homography,
             candidates: CandidateSwitches::default(),
             photometric: PhotometricConfig::default(),
+            steady: true,
             distant: true,
             loops: true,
             adjust: true,
@@ -96,6 +99,6 @@ pub struct PhotometricConfig {
 
 impl Default for PhotometricConfig {
     fn default() -> Self {
-        Self { enabled: true, iterations: 20, mean_sigma_px: 4.0, contrast_sigma_px: 8.0, contrast_floor: 0.01, chroma: 0.0 }
+        Self { enabled: true, iterations: 12, mean_sigma_px: 4.0, contrast_sigma_px: 8.0, contrast_floor: 0.01, chroma: 0.0 }
     }
 }

@@ -10,13 +10,18 @@ use super::size::Size;
 
 /// Values are clipped here, so that a glint counts no more than an edge.
 const CLIP: f32 = 3.0;
+/// A neighbourhood whose mean brightness (gamma-encoded) is above this is saturated: what is seen there is the light.
+const SATURATED: f32 = 0.93;
+/// Images that are saturated nearly everywhere keep their pixels: better little to go by than nothing.
+const MOSTLY_SATURATED: f32 = 0.5;
 /// Pyramids end before a side becomes shorter than this.
 const SMALLEST_SIDE: usize = 24;
 
 /// Contrast-normalised planes of one image at halved sizes.
 #[derive(Clone, Debug)]
 pub struct ContrastPyramid {
-    /// Finest level first; the planes are luminance and, where wanted, two chroma planes.
+    /// Finest level first; the planes are luminance and, where wanted, two chroma planes. NaN where the image is saturated:
+    /// unknown.
     pub levels: Vec<Planes>,
 }
 
@@ -40,9 +45,10 @@ impl ContrastPyramid {
     /// The standard deviation of the finest luminance: near 1 on texture, near 0 on a black or even image.
     pub fn texture(&self) -> f64 {
         let plane = self.levels[0].plane(0);
-        let n = plane.len() as f64;
-        let mean = plane.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
-        (plane.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>() / n).sqrt()
+        let known = || plane.iter().filter(|v| !v.is_nan()).map(|&v| f64::from(v));
+        let n = known().count().max(1) as f64;
+        let mean = known().sum::<f64>() / n;
+        (known().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt()
     }
 }
 
@@ -67,6 +73,7 @@ fn normalise(planes: &Planes, config: &PhotometricConfig) -> Planes {
     let (height, width) = (planes.height, planes.width);
     let mut out = planes.clone();
     let area = planes.area();
+    let saturated = saturated(planes, config);
     out.data.chunks_mut(area).enumerate().for_each(|(channel, plane)| {
         let mean = blur(plane, height, width, config.mean_sigma_px);
         plane.iter_mut().zip(&mean).for_each(|(v, m)| *v -= m);
@@ -77,8 +84,22 @@ fn normalise(planes: &Planes, config: &PhotometricConfig) -> Planes {
             let value = *v / (s.max(0.0).sqrt() + config.contrast_floor);
             *v = if value.is_finite() { weight * value.clamp(-CLIP, CLIP) } else { 0.0 };
         });
+        plane.iter_mut().zip(&saturated).filter(|(_, s)| **s).for_each(|(v, _)| *v = f32::NAN);
     });
     out
+}
+
+/// The saturated core of a highlight with the border that the normalisation smears it over: the strongest contrast in the
+/// image, which doesn't move with the surface.
+fn saturated(planes: &Planes, config: &PhotometricConfig) -> Vec<bool> {
+    let (height, width) = (planes.height, planes.width);
+    let bright = blur(planes.plane(0), height, width, 1.0);
+    let core: Vec<f32> = bright.iter().map(|&v| f32::from(v > SATURATED)).collect();
+    let share = core.iter().sum::<f32>() / core.len() as f32;
+    if share == 0.0 || share > MOSTLY_SATURATED {
+        return vec![false; core.len()];
+    }
+    blur(&core, height, width, config.mean_sigma_px).iter().map(|&v| v > 0.05).collect()
 }
 
 /// Separable Gaussian blur; at the border the kernel is cut off and renormalised.

@@ -23,6 +23,8 @@ mod scan;
 pub(crate) mod scene;
 mod sequence;
 pub mod size;
+mod smooth;
+pub mod steady;
 pub mod steps;
 mod track;
 

@@ -43,10 +43,11 @@ impl Correlator {
             (0..n).map(|i| 0.5 - 0.5 * (std::f32::consts::TAU * (i as f32 + 0.5) / n as f32).cos()).collect()
         };
         let (rows, columns) = (hann(image.height), hann(image.width));
+        let known = |v: f32| if v.is_nan() { 0.0 } else { v };
         let mut values = vec![Complex32::default(); self.size.height * self.size.width];
         for y in 0..image.height.min(self.size.height) {
             for x in 0..image.width.min(self.size.width) {
-                values[y * self.size.width + x] = Complex32::new(image.at(0, y, x) * rows[y] * columns[x], 0.0);
+                values[y * self.size.width + x] = Complex32::new(known(image.at(0, y, x)) * rows[y] * columns[x], 0.0);
             }
         }
         self.transform(&mut values, 0);

@@ -16,7 +16,15 @@ use super::size::{Size, resized};
 /// Fewer common pixels than this on a level end the refinement.
 const FEWEST_PIXELS: usize = 200;
 /// A step shorter than this, in pixels of the level, ends the level.
-const STILL_PX: f64 = 0.01;
+const STILL_PX: f64 = 0.02;
+/// Gauss–Newton steps of the levels above the last, at most: they only have to come near.
+const COARSE_ITERATIONS: usize = 8;
+/// Every second row of a last level with more rows than this is left out.
+const ALL_ROWS: usize = 200;
+/// Standard deviations that a refinement is expected to change the affine and the perspective parameters by, in units of
+/// half the image: keeps directions that few pixels hold from wandering. A frame's camera turns by 1° and rises by 2 % (§4).
+const PRIOR_AFFINE: f64 = 0.05;
+const PRIOR_PERSPECTIVE: f64 = 0.02;
 /// Cauchy scale in robust standard deviations: 95 % efficiency on Gaussian noise.
 const CAUCHY: f32 = 2.385;
 
@@ -81,15 +89,17 @@ pub fn refine(
     for level in (end..=start).rev() {
         let (t, s) = (&target.levels[level], &source.levels[level]);
         let sizes = ((target.size(), Size::of(t)), (source.size(), Size::of(s)));
-        let models: &[Model] = match level {
-            _ if level == start && start > end => &[Model::Shift, Model::Similarity],
-            _ if level > end && level + 1 == start => &[Model::Affine],
-            _ if level == end && start == end => &[Model::Affine, Model::Homography],
-            _ => &[Model::Homography],
+        let models: &[Model] = match (level == start, level == end) {
+            (true, false) => &[Model::Shift, Model::Similarity],
+            (true, true) if level > 1 => &[Model::Shift, Model::Similarity],
+            (_, false) => &[Model::Affine],
+            (_, true) if level == 1 => &[Model::Affine],
+            (_, true) => &[Model::Homography],
         };
         let mut at_level = resized(&homography, sizes.0, sizes.1);
         for &model in models {
-            let fit = descend(t, s, &at_level, model, config.iterations)?;
+            let iterations = if level == end { config.iterations } else { config.iterations.min(COARSE_ITERATIONS) };
+            let fit = descend(t, s, &at_level, model, iterations)?;
             at_level = fit.homography;
             converged = fit.converged;
             expected_px = fit.expected_px * sizes.0.0.width as f64 / sizes.0.1.width as f64;
@@ -110,7 +120,7 @@ pub fn consistency(target: &ContrastPyramid, source: &ContrastPyramid, homograph
     let mut warped = vec![0.0f32; t.area()];
     for c in 0..t.channels {
         warp(s, c, &at_level, t.width, &mut warped);
-        for (&a, &b) in t.plane(c).iter().zip(&warped).filter(|(_, b)| !b.is_nan()) {
+        for (&a, &b) in t.plane(c).iter().zip(&warped).filter(|(a, b)| !(*a + *b).is_nan()) {
             let (a, b) = (f64::from(a), f64::from(b));
             [a, b, a * a, b * b, a * b].iter().zip(&mut sums).for_each(|(v, s)| *s += v);
             count += 1;
@@ -190,17 +200,21 @@ fn descend(target: &Planes, source: &Planes, initial: &Homography, model: Model,
     let mut homography = *initial;
     let mut converged = false;
     let mut normal = Normal::default();
+    let mut total = Vector8::zeros();
+    let row_step = if target.height > ALL_ROWS { 2 } else { 1 };
     let mut warped = vec![0.0f32; target.area()];
     for _ in 0..iterations {
         normal = Normal::default();
         for c in 0..target.channels {
             warp(source, c, &homography, target.width, &mut warped);
-            normal.add(target.plane(c), &warped, target.width, target.height, &frame);
+            normal.add(target.plane(c), &warped, Size::of(target), row_step, &frame);
         }
-        if normal.pixels < FEWEST_PIXELS * target.channels {
+        if normal.pixels * row_step < FEWEST_PIXELS * target.channels {
             return None;
         }
+        normal.add_prior(&total);
         let step = normal.solve(&directions)?;
+        total += step;
         homography = Homography::new(homography.matrix * (frame.from_unit * update(&step) * frame.to_unit));
         if !plausible(&homography, Size::of(target)) {
             return None;
@@ -225,14 +239,14 @@ struct Normal {
 
 impl Normal {
     /// Adds one plane: residual, robust weight and gradient of every pixel whose neighbours have partners too.
-    fn add(&mut self, target: &[f32], warped: &[f32], width: usize, height: usize, frame: &Frame) {
+    fn add(&mut self, target: &[f32], warped: &[f32], Size { height, width }: Size, row_step: usize, frame: &Frame) {
         let scale = residual_scale(target, warped);
         let inverse_scale = 1.0 / (CAUCHY * scale);
         let unit = |i: usize, n: usize| ((i as f64 - 0.5 * (n as f64 - 1.0)) / frame.half) as f32;
         let columns: Vec<f32> = (0..width).map(|x| unit(x, width)).collect();
         // A quarter: half of the two images' mean, half of a central difference. Gradients are per pixel, parameters per half side.
         let per_unit = 0.25 * frame.half as f32;
-        for y in 1..height.saturating_sub(1) {
+        for y in (1..height.saturating_sub(1)).step_by(row_step) {
             let v = unit(y, height);
             // Rows are summed in f32 and added up in f64.
             let (mut matrix, mut vector) = ([[0.0f32; 8]; 8], [0.0f32; 8]);
@@ -269,6 +283,28 @@ impl Normal {
         }
     }
 
+    /// Adds the expectation that a refinement, `total` so far, stays small.
+    fn add_prior(&mut self, total: &Vector8) {
+        let variance = self.variance();
+        for (i, deviation) in [
+            (0, PRIOR_AFFINE),
+            (1, PRIOR_AFFINE),
+            (3, PRIOR_AFFINE),
+            (4, PRIOR_AFFINE),
+            (6, PRIOR_PERSPECTIVE),
+            (7, PRIOR_PERSPECTIVE),
+        ] {
+            let precision = variance / (deviation * deviation);
+            self.matrix[(i, i)] += precision;
+            self.vector[i] += precision * total[i];
+        }
+    }
+
+    /// Variance that a residual would have if all pixels were independent.
+    fn variance(&self) -> f64 {
+        self.squares / self.weight.max(1.0) * CORRELATED_PIXELS
+    }
+
     /// The step within the model's directions, slightly damped; `None` where the texture doesn't determine it.
     fn solve(&self, directions: &DMatrix<f64>) -> Option<Vector8> {
         let mut matrix = directions.transpose() * self.matrix * directions;
@@ -284,8 +320,7 @@ impl Normal {
     fn expected_px(&self, directions: &DMatrix<f64>, frame: &Frame, target: &Planes) -> f64 {
         let matrix = directions.transpose() * self.matrix * directions;
         let Some(inverse) = matrix.cholesky().map(|c| c.inverse()) else { return f64::INFINITY };
-        let variance = self.squares / self.weight.max(1.0) * CORRELATED_PIXELS;
-        let covariance = directions * inverse * directions.transpose() * variance;
+        let covariance = directions * inverse * directions.transpose() * self.variance();
         let size = Size::of(target);
         let mut sum = 0.0;
         const SIDE: usize = 5;
@@ -316,7 +351,7 @@ fn residual_scale(target: &[f32], warped: &[f32]) -> f32 {
     (1.4826 * median).max(0.05)
 }
 
-/// Samples one plane of `source` at `homography(target pixel)`; NaN outside.
+/// Samples one plane of `source` at `homography(target pixel)`; NaN outside and where the source is unknown.
 fn warp(source: &Planes, channel: usize, homography: &Homography, width: usize, out: &mut [f32]) {
     let plane = source.plane(channel);
     let m = homography.matrix.map(|v| v as f32);

@@ -11,6 +11,7 @@ use super::graph::Place;
 use super::photometric::{Consistency, consistency};
 use super::result::{Alignment, DropReason, KeyFrame, KeyFrameStatus, Warning};
 use super::size::{Size, overlap, resized};
+use super::steady::{self, SteadyPattern};
 use super::steps::{NeighbourStep, neighbour_steps};
 
 /// Deviation of the contrast-normalised image below which there is nothing to align by.
@@ -33,8 +34,10 @@ pub(super) struct Scan<'a> {
     pub sizes: Vec<Size>,
     /// The nodes' images at that size.
     pub images: Vec<Planes>,
-    /// The same, contrast-normalised.
+    /// The same, contrast-normalised, without what stands still in the clip.
     pub pyramids: Vec<ContrastPyramid>,
+    /// Whether a node's image has anything to align by.
+    textured: Vec<bool>,
 }
 
 impl<'a> Scan<'a> {
@@ -46,16 +49,31 @@ impl<'a> Scan<'a> {
         let full: Vec<Size> = nodes.iter().map(|n| Size::of(n)).collect();
         let sizes: Vec<Size> = full.iter().map(|s| s.limited(config.refine_size)).collect();
         let images: Vec<Planes> = nodes.par_iter().zip(&sizes).map(|(n, s)| n.resize_area(s.height, s.width)).collect();
-        let pyramids = images.par_iter().map(|i| ContrastPyramid::new(i, &config.photometric)).collect();
+        let mut pyramids: Vec<ContrastPyramid> =
+            images.par_iter().map(|i| ContrastPyramid::new(i, &config.photometric)).collect();
+        // Before the steady pattern goes: an empty frame minus a pattern isn't empty.
+        let textured = pyramids.iter().map(|p| p.texture() >= LEAST_TEXTURE).collect();
+        // A guidance image of its own was lit in its own way.
+        let filmed = &mut pyramids[usize::from(guidance.is_some())..];
+        if filmed.len() >= steady::FEWEST_FRAMES {
+            take_out_steady(filmed, None, config);
+        } else {
+            // Too few key frames to tell the light from the surface: other frames of the clip help.
+            let size = Size::of(&frames[0]).limited(config.refine_size);
+            let spread: Vec<&Planes> = frames.iter().step_by((frames.len() / steady::FEWEST_FRAMES).max(1)).collect();
+            let more = |f: &&Planes| ContrastPyramid::new(&f.resize_area(size.height, size.width), &config.photometric);
+            take_out_steady(filmed, Some(spread.par_iter().map(more).collect()), config);
+        }
         let step_size = Size::of(&frames[0]).limited(config.size);
-        Self { frames, keys, step_size, full, sizes, images, pyramids }
+        Self { frames, keys, step_size, full, sizes, images, pyramids, textured }
     }
 
     /// The steps between neighbouring frames, at the size on which key frames are linked.
     pub fn neighbour_steps(&self, flows: Option<&[FlowField]>, config: &AlignConfig) -> Vec<NeighbourStep> {
         let Size { height, width } = self.step_size;
         let small = |f: &Planes| ContrastPyramid::new(&f.resize_area(height, width), &config.photometric);
-        let pyramids: Vec<ContrastPyramid> = self.frames.par_iter().map(small).collect();
+        let mut pyramids: Vec<ContrastPyramid> = self.frames.par_iter().map(small).collect();
+        take_out_steady(&mut pyramids, None, config);
         let mut steps = neighbour_steps(&pyramids, flows, config);
         let (from, to) = (self.step_size, Size::of(&self.images[self.images.len() - 1]));
         for step in &mut steps {
@@ -72,7 +90,7 @@ impl<'a> Scan<'a> {
 
     /// Whether a node's image has anything to align by.
     pub fn textured(&self, node: usize) -> bool {
-        self.pyramids[node].texture() >= LEAST_TEXTURE
+        self.textured[node]
     }
 
     /// The key frames at their places, with the warnings of all steps.
@@ -112,6 +130,14 @@ impl<'a> Scan<'a> {
             dense: None,
             frame_size: self.full[node],
         }
+    }
+}
+
+/// Takes what stands still out of the frames, as it shows in `examples` or in the frames themselves.
+fn take_out_steady(pyramids: &mut [ContrastPyramid], examples: Option<Vec<ContrastPyramid>>, config: &AlignConfig) {
+    let pattern = SteadyPattern::measure(examples.as_deref().unwrap_or(pyramids));
+    if let Some(pattern) = pattern.filter(|_| config.steady) {
+        pyramids.par_iter_mut().for_each(|p| pattern.remove(p));
     }
 }
 

@@ -210,6 +210,14 @@ mod tests {
     }
 
     #[test]
+    fn a_highlight_over_an_even_surface_is_not_taken_for_the_surface() {
+        let scene = Scene { contrast: 0.0, highlight: 0.4, noise: 0.02, ..Scene::new(1) };
+        let frames: Vec<Planes> = views(31).iter().map(|v| scene.frame(v, SIZE)).collect();
+        let aligned = aligner(AlignConfig::default()).align(&frames, None).unwrap();
+        assert!(aligned.key_frames.iter().all(|k| !k.aligned()), "{:?}", aligned.key_frames);
+    }
+
+    #[test]
     fn unrelated_frames_are_dropped_rather_than_placed() {
         let frame = |seed: u64| Scene::new(seed).frame(&Homography::identity(), SIZE);
         let frames: Vec<Planes> = (0..11).map(|i| frame(if i < 6 { 1 } else { 100 + i })).collect();

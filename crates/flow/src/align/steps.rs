@@ -3,7 +3,7 @@
 use ops::homography::Homography;
 use rayon::prelude::*;
 
-use super::candidates::{Candidate, Origin, Step, choose};
+use super::candidates::{Candidate, Finalist, Origin, Step, finish, shortlist};
 use super::compose::FlowField;
 use super::config::AlignConfig;
 use super::contrast::ContrastPyramid;
@@ -11,6 +11,7 @@ use super::phase::{Correlator, Spectrum};
 use super::photometric::Consistency;
 use super::planar::{RobustFit, fit, pairs_of_flow, sane};
 use super::size::Size;
+use super::smooth::smoothest;
 
 /// Peaks of the phase correlation that compete.
 const PEAKS: usize = 4;
@@ -20,6 +21,9 @@ const FLOW_STRIDE: usize = 4;
 const AREA_FACTOR: f64 = 1.6;
 /// Expected error of a step that had to be guessed, as a share of the frame's width: a mean step is 6 % (spec 1.3).
 const GUESSED_SHARE: f64 = 0.1;
+
+/// Below this the neighbouring steps' motions compete too.
+const WEAK_SIGNIFICANCE: f64 = 12.0;
 
 /// The step between two neighbouring frames.
 #[derive(Clone, Copy, Debug)]
@@ -38,13 +42,18 @@ pub fn neighbour_steps(pyramids: &[ContrastPyramid], flows: Option<&[FlowField]>
     let correlator = Correlator::new(first.size());
     let spectra = pyramids.par_iter().map(|p| correlator.spectrum(&p.levels[0])).collect();
     let pairs = Pairs { pyramids, correlator, spectra, config };
-    let found: Vec<Option<Step>> = (0..pyramids.len() - 1)
-        .into_par_iter()
-        .map(|i| {
-            let flow = flows.filter(|_| config.candidates.net).map(|f| &f[i]);
-            pairs.choose(i, i + 1, flow.and_then(|f| from_flow(f, config.seed.wrapping_add(i as u64))))
-        })
-        .collect();
+    let net = |i: usize| {
+        let flow = flows.filter(|_| config.candidates.net).map(|f| &f[i]);
+        flow.and_then(|f| from_flow(f, config.seed.wrapping_add(i as u64)))
+    };
+    let mut options: Vec<Vec<Finalist>> =
+        (0..pyramids.len() - 1).into_par_iter().map(|i| pairs.shortlist(i, i + 1, pairs.guesses(i, i + 1, net(i)))).collect();
+    if config.candidates.velocity {
+        options = pairs.with_velocities(options);
+    }
+    let path = smoothest(&options, first.size());
+    let found: Vec<Option<Step>> =
+        (0..options.len()).into_par_iter().map(|i| pairs.finish(i, i + 1, &options[i][path[i]?])).collect();
     let mut steps: Vec<NeighbourStep> = (0..found.len()).into_par_iter().map(|i| pairs.replace_failed(&found, i)).collect();
     pairs.bridge(&mut steps);
     steps
@@ -76,8 +85,8 @@ impl Pairs<'_> {
         self.pyramids[0].size()
     }
 
-    /// The most consistent of all guesses for a pair.
-    fn choose(&self, target: usize, source: usize, net: Option<Candidate>) -> Option<Step> {
+    /// All guesses for a pair.
+    fn guesses(&self, target: usize, source: usize, net: Option<Candidate>) -> Vec<Candidate> {
         let mut guesses: Vec<Candidate> = net.into_iter().collect();
         if self.config.candidates.phase_correlation {
             guesses.extend(from_peaks(&self.correlator, &self.spectra[target], &self.spectra[source]));
@@ -85,12 +94,37 @@ impl Pairs<'_> {
         if self.config.candidates.identity {
             guesses.push(Candidate { origin: Origin::Identity, homography: Homography::identity() });
         }
-        self.among(target, source, &guesses)
+        guesses
     }
 
-    fn among(&self, target: usize, source: usize, guesses: &[Candidate]) -> Option<Step> {
-        choose(&self.pyramids[target], &self.pyramids[source], guesses, &self.config.photometric)
-            .filter(|step| sane(&step.homography, self.size(), AREA_FACTOR))
+    fn shortlist(&self, target: usize, source: usize, guesses: Vec<Candidate>) -> Vec<Finalist> {
+        shortlist(&self.pyramids[target], &self.pyramids[source], &guesses, &self.config.photometric)
+    }
+
+    fn finish(&self, target: usize, source: usize, finalist: &Finalist) -> Option<Step> {
+        let step = finish(&self.pyramids[target], &self.pyramids[source], finalist, &self.config.photometric);
+        sane(&step.homography, self.size(), AREA_FACTOR).then_some(step)
+    }
+
+    fn among(&self, target: usize, source: usize, guesses: Vec<Candidate>) -> Option<Step> {
+        self.finish(target, source, self.shortlist(target, source, guesses).first()?)
+    }
+
+    /// The options with the neighbouring steps' motions added where the evidence is weak.
+    fn with_velocities(&self, options: Vec<Vec<Finalist>>) -> Vec<Vec<Finalist>> {
+        let path = smoothest(&options, self.size());
+        let chosen = |i: usize| Some(&options.get(i)?[(*path.get(i)?)?]);
+        let weak = |i: usize| chosen(i).is_none_or(|f| f.refined.consistency.significance() < WEAK_SIGNIFICANCE);
+        let extended = (0..options.len()).into_par_iter().map(|i| {
+            if !weak(i) {
+                return options[i].clone();
+            }
+            let around = [i.checked_sub(1), Some(i + 1)].into_iter().flatten().filter_map(chosen);
+            let velocities = around.map(|f| Candidate { origin: Origin::Velocity, homography: f.refined.homography });
+            let own = options[i].iter().map(|f| Candidate { origin: f.origin, homography: f.refined.homography });
+            self.shortlist(i, i + 1, own.chain(velocities).collect())
+        });
+        extended.collect()
     }
 
     /// A reliable step as it is; else the motion of the reliable steps around it competes, and where nothing is reliable
@@ -107,7 +141,7 @@ impl Pairs<'_> {
             guesses.extend(around.into_iter().flatten().filter_map(velocity));
         }
         guesses.extend(found[i].map(|s| Candidate { origin: s.origin, homography: s.homography }));
-        let chosen = self.among(i, i + 1, &guesses);
+        let chosen = self.among(i, i + 1, guesses.clone());
         if let Some(step) = chosen.filter(Step::reliable) {
             return NeighbourStep { step, replaced: step.origin == Origin::Velocity };
         }
@@ -123,7 +157,8 @@ impl Pairs<'_> {
             let end = (i..steps.len()).find(|&j| steps[j].step.reliable()).unwrap_or(steps.len());
             // A single failed step has no frame to leave out; a long run has no overlap left.
             let bridgeable = (2..=4).contains(&(end - i));
-            if let Some(step) = bridgeable.then(|| self.choose(i, end, None)).flatten().filter(Step::reliable) {
+            let over = bridgeable.then(|| self.among(i, end, self.guesses(i, end, None))).flatten();
+            if let Some(step) = over.filter(Step::reliable) {
                 let nothing = Candidate { origin: step.origin, homography: Homography::identity() };
                 let rest = Step { consistency: step.consistency, margin: step.margin, ..unsupported(&nothing, 0.0) };
                 steps[i..end].fill(NeighbourStep { step: rest, replaced: true });
