@@ -110,7 +110,8 @@ fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     interrupt::install().map_err(|error| Failure::Usage(format!("cannot listen for Ctrl-C: {error}")))?;
     let stop = |_| interrupt::requested();
     let checkpoint = arguments.checkpoint.clone();
-    let mut pipeline = Pipeline { config: &config, folder: &folder, device, library, checkpoint, stop: &stop };
+    let revision = crate::process::revision();
+    let mut pipeline = Pipeline { config: &config, folder: &folder, device, library, revision, checkpoint, stop: &stop };
     match pipeline.run()? {
         Ending::Done => {
             eprintln!("done: {}", folder.path().display());

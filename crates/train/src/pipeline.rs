@@ -83,6 +83,8 @@ pub struct Pipeline<'a> {
     pub device: Device,
     /// All materials.
     pub library: Arc<MaterialLibrary>,
+    /// Revision of the source tree when the process started: files may change while it runs.
+    pub revision: Option<String>,
     /// A checkpoint that a person chose instead of the newest.
     pub checkpoint: Option<PathBuf>,
     /// Asked after every step whether to stop.
@@ -222,7 +224,7 @@ impl Pipeline<'_> {
             stage.steps(),
             stage.batch() * stage.plan().accumulate,
             self.config.run.seed,
-            crate::process::revision().unwrap_or_else(|| "unknown".into())
+            self.revision.as_deref().unwrap_or("unknown")
         )
     }
 }

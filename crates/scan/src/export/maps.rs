@@ -128,7 +128,7 @@ pub fn write_truth(folder: &Path, maps: &SvbrdfImage) -> Result<(), ImageError> 
     BRDF_MAPS.iter().zip(maps.maps()).try_for_each(|((name, _), map)| write_exr(&folder.join(name), map, Overwrite::Refuse))
 }
 
-/// Reads normal, diffuse, roughness and specular maps as [`write`] and [`write_truth`] leave them.
+/// Reads normal, diffuse, roughness and specular maps as [`write()`] and [`write_truth`] leave them.
 ///
 /// # Errors
 /// A missing, broken or differently sized file.
