@@ -127,7 +127,7 @@ impl Head {
     /// Decodes pooled features.
     ///
     /// # Shapes
-    /// See [`Self::last_inputs`].
+    /// `pooled [1, width, H, W]` or, with the frames' colours, `[1, width + 6, H, W]`; `global [1, G]`; maps `[1, …, H, W]`
     pub fn forward(&self, pooled: Tensor<4>, global: Tensor<2>) -> Prediction {
         let inputs = self.last_inputs(pooled, global);
         let logits = conv3x3(inputs, self.weight.val(), SAME) + self.bias.val().reshape([1, OUTPUTS, 1, 1]);
