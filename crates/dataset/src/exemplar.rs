@@ -2,6 +2,7 @@
 
 use ops::homography::Homography;
 use ops::planes::{Mask, Planes};
+use rand::seq::SliceRandom;
 use rand::{Rng, RngExt};
 use render::svbrdf::SvbrdfImage;
 use serde::{Deserialize, Serialize};
@@ -45,11 +46,14 @@ pub struct ExemplarConfig {
     pub key_frames: [usize; 2],
     /// How many videos are mixed: exemplars of a window of so many videos come in random order.
     pub mixed_videos: u64,
+    /// Whether red, green and blue of every exemplar change places at random, in frames and albedos alike; not in the paper.
+    /// Few materials have few hues, and a net that knows only those draws others towards them.
+    pub shuffle_colours: bool,
 }
 
 impl Default for ExemplarConfig {
     fn default() -> Self {
-        Self { resolution: 256, key_frames: [4, 16], mixed_videos: 50 }
+        Self { resolution: 256, key_frames: [4, 16], mixed_videos: 50, shuffle_colours: false }
     }
 }
 
@@ -106,7 +110,25 @@ impl Exemplar {
         let [low, high] = config.key_frames;
         let count = rng.random_range(low..=high);
         let keys = key_frames(guidance, count, video.len(), rng);
-        Self::of(video, guidance, &keys, config.resolution)
+        let exemplar = Self::of(video, guidance, &keys, config.resolution);
+        if config.shuffle_colours {
+            let mut order = [0, 1, 2];
+            order.shuffle(rng);
+            return exemplar.with_colours(order);
+        }
+        exemplar
+    }
+
+    /// The same exemplar of a material, light and sensor whose colour channel c is this one's `order[c]`: the image formation
+    /// treats the three alike.
+    fn with_colours(mut self, order: [usize; 3]) -> Self {
+        let reorder = |planes: &mut Planes| {
+            let [a, b, c] = order.map(|from| planes.plane(from));
+            planes.data = [a, b, c].concat();
+        };
+        self.frames.iter_mut().for_each(reorder);
+        [&mut self.target.diffuse, &mut self.target.specular].into_iter().for_each(reorder);
+        self
     }
 
     /// The exemplar of given frames.
@@ -163,6 +185,30 @@ mod tests {
         assert_eq!((&exemplar.flows[2], &exemplar.valid[2]), (&flow, &valid));
         assert_eq!(exemplar.target.normal, video.target_maps(7, 32).normal);
         assert_eq!(exemplar.homographies[0].flow(32, 32), exemplar.flows[0]);
+    }
+
+    #[test]
+    fn shuffled_colours_change_places_in_frames_and_albedos_only() {
+        let video = sequence(&SequenceConfig::svbrdf(), 6);
+        let config = ExemplarConfig { resolution: 16, key_frames: [2, 2], ..ExemplarConfig::default() };
+        let shuffling = ExemplarConfig { shuffle_colours: true, ..config.clone() };
+        let mut orders = std::collections::BTreeSet::new();
+        for draw in 0..40 {
+            let rng = || Stream::new(3).rng("exemplar", draw);
+            let plain = Exemplar::draw(&video, 4, &config, &mut rng());
+            let shuffled = Exemplar::draw(&video, 4, &shuffling, &mut rng());
+            let place = |c: usize| (0..3).find(|&from| shuffled.frames[0].plane(c) == plain.frames[0].plane(from)).unwrap();
+            let order = [place(0), place(1), place(2)];
+            assert_eq!(shuffled.indices, plain.indices);
+            assert_eq!((&shuffled.flows, &shuffled.valid), (&plain.flows, &plain.valid));
+            assert_eq!((&shuffled.target.normal, &shuffled.target.roughness), (&plain.target.normal, &plain.target.roughness));
+            assert_eq!((shuffled.frames, shuffled.target), {
+                let same = plain.with_colours(order);
+                (same.frames, same.target)
+            });
+            orders.insert(order);
+        }
+        assert_eq!(orders.len(), 6);
     }
 
     #[test]
