@@ -4,10 +4,13 @@
 
 pub mod capture;
 pub mod chairs;
+#[cfg(test)]
+mod damage;
 pub mod exemplar;
 pub mod image_io;
 pub mod material;
 pub mod mixing;
+mod npy;
 pub mod pair;
 pub mod path;
 pub mod producer;

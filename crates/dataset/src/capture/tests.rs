@@ -27,16 +27,7 @@ fn config(resolution: Option<usize>) -> CaptureConfig {
 }
 
 fn npy(path: &Path, kind: &str, shape: &str, data: &[u8]) {
-    let mut header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({shape}), }}");
-    while (header.len() + 11) % 64 != 0 {
-        header.push(' ');
-    }
-    header.push('\n');
-    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-    bytes.extend((header.len() as u16).to_le_bytes());
-    bytes.extend(header.as_bytes());
-    bytes.extend(data);
-    fs::write(path, bytes).unwrap();
+    fs::write(path, crate::npy::file(kind, shape, data)).unwrap();
 }
 
 /// ffmpeg's arguments split at spaces; `None` (and a line in the log) where ffmpeg isn't installed.

@@ -108,6 +108,7 @@ pub fn write(path: &Path, flow: &Planes) -> Result<(), FloError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::damage::{Damage, in_time};
     use proptest::prelude::*;
 
     fn small() -> Planes {
@@ -162,6 +163,14 @@ mod tests {
             }
             if let Ok(flow) = parse(&bytes) {
                 prop_assert_eq!(flow.data.len() * 4 + 12, bytes.len());
+            }
+        }
+
+        #[test]
+        fn damaged_files_are_read_or_refused(damage in Damage::any()) {
+            let bytes = damage.done_to(&bytes_of(&small()));
+            if let Ok(flow) = in_time(|| parse(&bytes)) {
+                prop_assert!(flow.channels == 2 && flow.data.iter().all(|v| v.is_nan() || v.abs() < 1e9));
             }
         }
     }
