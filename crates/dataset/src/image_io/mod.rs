@@ -28,6 +28,18 @@ pub enum Samples {
     Linear(Vec<f32>),
 }
 
+impl Samples {
+    /// The stored number; integers as a share of their largest.
+    #[inline]
+    pub fn share(&self, index: usize) -> f32 {
+        match self {
+            Self::Eight(v) => f32::from(v[index]) / 255.0,
+            Self::Sixteen(v) => f32::from(v[index]) / 65535.0,
+            Self::Linear(v) => v[index],
+        }
+    }
+}
+
 /// An image as its file stores it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
@@ -54,12 +66,7 @@ impl Picture {
     /// The stored value; integers as a share of their largest.
     #[inline]
     pub fn value(&self, channel: usize, x: usize, y: usize) -> f32 {
-        let index = (y * self.width + x) * self.channels + channel.min(self.channels - 1);
-        match &self.samples {
-            Samples::Eight(v) => f32::from(v[index]) / 255.0,
-            Samples::Sixteen(v) => f32::from(v[index]) / 65535.0,
-            Samples::Linear(v) => v[index],
-        }
+        self.samples.share((y * self.width + x) * self.channels + channel.min(self.channels - 1))
     }
 
     /// The stored values as they are ([`Picture::value`]), channel by channel.

@@ -73,9 +73,47 @@ pub enum MaterialError {
         /// The folder.
         path: PathBuf,
     },
-    /// A manifest that can't be understood.
+    /// A source of one file per material that names none.
+    #[error("{path}: no material in it; expected .{extension} files that lie in it, or a .txt list of such files")]
+    NoFiles {
+        /// The folder or list.
+        path: PathBuf,
+        /// What material files end in.
+        extension: &'static str,
+    },
+    /// A picture that isn't a strip of four maps.
+    #[error(
+        "{path}: {found}; expected a PNG of 8 or 16 bit with normal, diffuse, roughness and specular side by side: four \
+         colour squares, 4·H×H pixels. Leave other pictures out of the folder, or list the strips in a .txt file"
+    )]
+    Strip {
+        /// The file.
+        path: PathBuf,
+        /// What was found.
+        found: String,
+    },
+    /// An array that isn't a material.
+    #[error(
+        "{path}: {found}; expected uint8 numbers of shape (height, width, 12) in C order: normal, diffuse, roughness, \
+         specular. Write it with numpy.save(path, numpy.ascontiguousarray(maps, numpy.uint8))"
+    )]
+    Npy {
+        /// The file.
+        path: PathBuf,
+        /// What was found.
+        found: String,
+    },
+    /// A file that the system refuses.
+    #[error("{path}: can't be read: {source}; check that it exists and may be read")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// A line of a manifest or list that can't be understood.
     #[error("{path}, line {line}: {reason}")]
-    Manifest {
+    Line {
         /// The file.
         path: PathBuf,
         /// Line, from 1.

@@ -4,11 +4,17 @@
 //! augmentation never build a copy.
 
 pub mod augment;
+mod decoding;
 mod encoding;
 mod error;
+pub mod files;
+mod four_maps;
+pub mod inria;
 mod levels;
 pub mod library;
+pub mod manifest;
 pub mod maps;
+pub mod npy;
 pub mod pbr;
 pub mod perlin;
 pub mod procedural;
@@ -18,6 +24,7 @@ pub mod texture;
 
 pub use augment::{AugmentConfig, Augmentation, AugmentedMaterial};
 pub use error::MaterialError;
+pub use four_maps::AlbedoEncoding;
 pub use library::{LibraryError, MaterialLibrary, SourceConfig};
 pub use maps::MaterialMaps;
 pub use split::Split;

@@ -69,6 +69,32 @@ pub fn identity_of_scan(name: &str) -> String {
     if kept.is_empty() { lower } else { kept.join("_") }
 }
 
+/// The identity of a material from the name of the file that holds it, without the extension.
+///
+/// Before [`identity_of_scan`], which makes it the identity of a folder with the same scan, these are dropped: sizes in
+/// texels (`NAME_1024`), and the numbering and the crop of the set of Deschaintre et al. (`0000237;NAME;2X3`), so that all
+/// crops of a material stay on one side. A strip there that blends two materials goes by both names together; its parents
+/// may lie on the other side.
+pub fn identity_of_file(name: &str) -> String {
+    let lower = name.to_lowercase();
+    let fields: Vec<&str> = lower.split(';').collect();
+    let is_scan = |field: &&str| fields.len() == 1 || !(is_number(field) || is_crop(field));
+    let scan = fields.iter().copied().filter(is_scan).collect::<Vec<_>>().join("_");
+    let words = scan.split(|c: char| !c.is_alphanumeric()).filter(|word| !is_texels(word));
+    let kept = words.collect::<Vec<_>>().join("_");
+    identity_of_scan(if kept.is_empty() { name } else { &kept })
+}
+
+/// `2x3`: a crop and how it was turned.
+fn is_crop(field: &str) -> bool {
+    field.split_once('x').is_some_and(|(crop, _)| !crop.is_empty() && is_number(crop))
+}
+
+/// `1024`, `1024x1024`.
+fn is_texels(word: &str) -> bool {
+    word.split('x').all(|side| ["256", "512", "1024", "2048", "4096", "8192"].contains(&side))
+}
+
 fn is_number(word: &str) -> bool {
     word.bytes().all(|b| b.is_ascii_digit())
 }
@@ -104,6 +130,24 @@ mod tests {
         }
         assert_eq!(identity_of_scan("red"), "red");
         assert_eq!(identity_of_scan(""), "");
+    }
+
+    #[test]
+    fn files_of_one_scan_have_the_identity_of_its_folder() {
+        for (file, folder) in [
+            ("Bricks075B_1024", "Bricks075A_2K-PNG"),
+            ("red_bricks_04_4096x4096", "white_bricks_04"),
+            ("0000237;leather_antiqueXwood_02;2X3", "leather_antiqueXwood_02"),
+            ("0000911;leather_antiqueXwood_02;0XDefault", "leather_antiqueXwood_02"),
+        ] {
+            assert_eq!(identity_of_file(file), identity_of_scan(folder), "{file}");
+        }
+        let numbered = ["0001", "0002", "1024", "1024;2X3", "0000001;wood;1X2", "0000001;stone;1X2", ";;"];
+        let mut identities = numbered.map(identity_of_file).to_vec();
+        identities.sort();
+        identities.dedup();
+        assert_eq!(identities.len(), numbered.len(), "{identities:?}");
+        assert_eq!(identity_of_file(""), "");
     }
 
     #[test]

@@ -12,6 +12,9 @@ pub const GRID: usize = 4096;
 /// Largest cost of one material; maps of 16 bit are stored in 8 bit when they would cost more.
 pub const MAX_BYTES: usize = 200_000_000;
 
+/// Longest side of a tile that comes from files: the grid has no more texels, and [`MAX_BYTES`] is made for it.
+pub const MAX_STORED_SIDE: usize = GRID;
+
 /// How a tile continues beyond its edge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

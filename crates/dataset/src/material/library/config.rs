@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::LibraryError;
+use crate::material::four_maps::AlbedoEncoding;
 use crate::material::procedural::Family;
 use crate::material::stored::{GRID, Wrap};
 
@@ -16,6 +17,10 @@ pub enum SourceConfig {
     Procedural(ProceduralConfig),
     /// Folders of texture maps.
     Pbr(PbrConfig),
+    /// PNG strips of four maps.
+    Inria(InriaConfig),
+    /// NumPy arrays of four maps.
+    Npy(NpyConfig),
 }
 
 /// Generated materials.
@@ -67,8 +72,53 @@ pub struct PbrConfig {
     pub weight: f64,
 }
 
+/// PNG strips: normal | diffuse | roughness | specular, each H×H ([`crate::material::inria`]).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InriaConfig {
+    /// A folder of strips, a `.txt` list of them, or one strip. Relative to where the program is started.
+    pub path: PathBuf,
+    /// How the strips store albedos: `gamma` or `linear`. There is no default, because versions of the set differ.
+    pub albedo_encoding: AlbedoEncoding,
+    /// Texels of the maps over the material's \[−1, 1\]: 4096 shows strips of 512² as in the paper (Fig. 2).
+    #[serde(default = "grid")]
+    pub texels: usize,
+    /// How maps continue beyond their edge; `mirror` shows no seam, whether they tile or not.
+    #[serde(default = "mirror")]
+    pub wrap: Wrap,
+    /// How often this source is drawn, relative to the others.
+    #[serde(default = "one")]
+    pub weight: f64,
+}
+
+/// NumPy arrays of uint8, H×W×12: normal, diffuse, roughness, specular ([`crate::material::npy`]).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NpyConfig {
+    /// A folder of arrays, a `.txt` list of them, or one array. Relative to where the program is started.
+    pub path: PathBuf,
+    /// How the arrays store albedos: `gamma` or `linear`. There is no default: they were made from sets that differ in it.
+    pub albedo_encoding: AlbedoEncoding,
+    /// Whether the roughness is the square of the stored one. There is no default: the authors square that of their 4096²
+    /// arrays and not that of their 1024² ones.
+    pub roughness_squared: bool,
+    /// Texels of the maps over the material's \[−1, 1\].
+    #[serde(default = "grid")]
+    pub texels: usize,
+    /// How maps continue beyond their edge; `mirror` shows no seam, whether they tile or not.
+    #[serde(default = "mirror")]
+    pub wrap: Wrap,
+    /// How often this source is drawn, relative to the others.
+    #[serde(default = "one")]
+    pub weight: f64,
+}
+
 fn grid() -> usize {
     GRID
+}
+
+fn mirror() -> Wrap {
+    Wrap::Mirror
 }
 
 fn one() -> f64 {
@@ -81,6 +131,8 @@ impl SourceConfig {
         match self {
             Self::Procedural(config) => config.weight,
             Self::Pbr(config) => config.weight,
+            Self::Inria(config) => config.weight,
+            Self::Npy(config) => config.weight,
         }
     }
 
@@ -92,6 +144,8 @@ impl SourceConfig {
         let kind = match self {
             Self::Procedural(_) => "procedural",
             Self::Pbr(_) => "pbr",
+            Self::Inria(_) => "inria",
+            Self::Npy(_) => "npy",
         };
         let fail = |key, found: String, expected: &str| {
             Err(LibraryError::Config { source_index, kind, key, found, expected: expected.into() })
@@ -100,6 +154,10 @@ impl SourceConfig {
         if !(weight > 0.0 && weight.is_finite()) {
             return fail("weight", weight.to_string(), "a positive number");
         }
+        let check_texels = |texels: usize| match texels {
+            16..=65_536 => Ok(()),
+            _ => fail("texels", texels.to_string(), "16 to 65536 texels over the material"),
+        };
         match self {
             Self::Procedural(config) => {
                 if !(64..=4096).contains(&config.size) {
@@ -117,11 +175,16 @@ impl SourceConfig {
                 }
             }
             Self::Pbr(config) => {
-                if !(16..=65_536).contains(&config.texels) {
-                    return fail("texels", config.texels.to_string(), "16 to 65536 texels over the material");
-                }
+                check_texels(config.texels)?;
                 if !config.path.is_dir() {
                     return fail("path", config.path.display().to_string(), "an existing folder of material folders");
+                }
+            }
+            Self::Inria(InriaConfig { path, texels, .. }) | Self::Npy(NpyConfig { path, texels, .. }) => {
+                check_texels(*texels)?;
+                if !path.exists() {
+                    let expected = "an existing folder of such files, a .txt list of them, or one file";
+                    return fail("path", path.display().to_string(), expected);
                 }
             }
         }

@@ -8,13 +8,15 @@ use std::sync::Arc;
 use rand::RngExt;
 use serde::Serialize;
 
-pub use config::{PbrConfig, ProceduralConfig, SourceConfig};
+pub use config::{InriaConfig, NpyConfig, PbrConfig, ProceduralConfig, SourceConfig};
 
 use super::error::MaterialError;
+use super::files::{MaterialFile, find_files};
 use super::pbr::{PbrFolder, find_folders};
 use super::procedural::{Family, generate};
 use super::split::{Split, split_of};
 use super::stored::{GRID, Material, MaterialInfo, Wrap};
+use super::{inria, npy};
 use crate::stream::Stream;
 use cache::MaterialCache;
 
@@ -31,7 +33,7 @@ pub enum LibraryError {
     Config {
         /// Position of the source, from 1.
         source_index: usize,
-        /// `procedural` or `pbr`.
+        /// `procedural`, `pbr`, `inria` or `npy`.
         kind: &'static str,
         /// Name of the value.
         key: &'static str,
@@ -71,7 +73,9 @@ pub enum LibraryError {
 #[derive(Clone, Debug)]
 enum Origin {
     Procedural { family: Family, seed: u64, size: usize },
-    Pbr { folder: Box<PbrFolder>, texels: usize, wrap: Wrap },
+    Pbr { folder: Box<PbrFolder>, config: PbrConfig },
+    Inria { file: Box<MaterialFile>, config: InriaConfig },
+    Npy { file: Box<MaterialFile>, config: NpyConfig },
 }
 
 #[derive(Clone, Debug)]
@@ -122,19 +126,7 @@ impl MaterialLibrary {
         let mut entries = Vec::new();
         for (source, config) in sources.iter().enumerate() {
             config.validate(source + 1)?;
-            match config {
-                SourceConfig::Procedural(config) => entries.extend(procedural_entries(config, source)),
-                SourceConfig::Pbr(config) => {
-                    for folder in find_folders(&config.path)? {
-                        entries.push(Entry {
-                            name: folder.name.clone(),
-                            split: split_of(&folder.identity()),
-                            source,
-                            origin: Origin::Pbr { folder: Box::new(folder), texels: config.texels, wrap: config.wrap },
-                        });
-                    }
-                }
-            }
+            entries.extend(entries_of(config, source)?);
         }
         let of = |source, split| {
             let mine = |(i, e): (usize, &Entry)| (e.source == source && e.split == split).then_some(i);
@@ -219,35 +211,75 @@ impl MaterialLibrary {
 }
 
 impl Entry {
+    fn new(name: String, identity: &str, source: usize, origin: Origin) -> Self {
+        Self { name, split: split_of(identity), source, origin }
+    }
+
     fn load(&self) -> Result<Material, MaterialError> {
         match &self.origin {
-            Origin::Pbr { folder, texels, wrap } => folder.load(*texels, *wrap),
+            Origin::Pbr { folder, config } => folder.load(config.texels, config.wrap),
+            Origin::Inria { file, config } => {
+                inria::load(&file.path, config.albedo_encoding, self.info(None, config.wrap, config.texels))
+            }
+            Origin::Npy { file, config } => {
+                let info = self.info(None, config.wrap, config.texels);
+                npy::load(&file.path, config.albedo_encoding, config.roughness_squared, info)
+            }
             Origin::Procedural { family, seed, size } => {
-                let line = self.manifest();
-                let info = MaterialInfo {
-                    name: line.name,
-                    identity: line.identity,
-                    source: line.source,
-                    licence: line.licence,
-                    textured: Some(family.textured()),
-                    wrap: Wrap::Repeat,
-                    // A tile of another size shows the same ground at another density.
-                    texels: GRID / PROCEDURAL_TILE * size,
-                };
+                // A tile of another size shows the same ground at another density.
+                let texels = GRID / PROCEDURAL_TILE * size;
+                let info = self.info(Some(family.textured()), Wrap::Repeat, texels);
                 Material::from_maps(info, &generate(*family, *seed, *size))
             }
         }
     }
 
+    fn info(&self, textured: Option<bool>, wrap: Wrap, texels: usize) -> MaterialInfo {
+        let ManifestEntry { name, identity, source, licence, .. } = self.manifest();
+        MaterialInfo { name, identity, source, licence, textured, wrap, texels }
+    }
+
     fn manifest(&self) -> ManifestEntry {
+        let of_file = |kind: &str, file: &MaterialFile| {
+            (file.identity(), format!("{kind} {}", file.path.display()), file.manifest.licence_or_unknown())
+        };
         let (identity, source, licence) = match &self.origin {
             Origin::Pbr { folder, .. } => (folder.identity(), format!("pbr {}", folder.path.display()), folder.licence()),
+            Origin::Inria { file, .. } => of_file("inria", file),
+            Origin::Npy { file, .. } => of_file("npy", file),
             Origin::Procedural { family, seed, .. } => {
                 (procedural_identity(*family, *seed), format!("procedural {}", family.name()), PROCEDURAL_LICENCE.into())
             }
         };
         ManifestEntry { name: self.name.clone(), split: self.split, identity, source, licence }
     }
+}
+
+/// The materials of a source, unread.
+fn entries_of(config: &SourceConfig, source: usize) -> Result<Vec<Entry>, MaterialError> {
+    Ok(match config {
+        SourceConfig::Procedural(config) => procedural_entries(config, source),
+        SourceConfig::Pbr(config) => {
+            let entry = |folder: PbrFolder| {
+                let (name, identity) = (folder.name.clone(), folder.identity());
+                Entry::new(name, &identity, source, Origin::Pbr { folder: Box::new(folder), config: config.clone() })
+            };
+            find_folders(&config.path)?.into_iter().map(entry).collect()
+        }
+        SourceConfig::Inria(config) => {
+            let origin = |file| Origin::Inria { file, config: config.clone() };
+            file_entries(find_files(&config.path, inria::EXTENSION)?, source, origin)
+        }
+        SourceConfig::Npy(config) => {
+            let origin = |file| Origin::Npy { file, config: config.clone() };
+            file_entries(find_files(&config.path, npy::EXTENSION)?, source, origin)
+        }
+    })
+}
+
+fn file_entries(files: Vec<MaterialFile>, source: usize, origin: impl Fn(Box<MaterialFile>) -> Origin) -> Vec<Entry> {
+    let entry = |file: MaterialFile| Entry::new(file.name.clone(), &file.identity(), source, origin(Box::new(file)));
+    files.into_iter().map(entry).collect()
 }
 
 fn procedural_identity(family: Family, seed: u64) -> String {
@@ -265,8 +297,8 @@ fn procedural_entries(config: &ProceduralConfig, source: usize) -> Vec<Entry> {
             0 => format!("{}-{number}", family.name()),
             config_seed => format!("{}-{config_seed}-{number}", family.name()),
         };
-        let split = split_of(&procedural_identity(family, seed));
-        Entry { name, split, source, origin: Origin::Procedural { family, seed, size: config.size } }
+        let origin = Origin::Procedural { family, seed, size: config.size };
+        Entry::new(name, &procedural_identity(family, seed), source, origin)
     };
     (0..config.count).map(entry).collect()
 }

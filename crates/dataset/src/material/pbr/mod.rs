@@ -3,26 +3,25 @@
 //! Base colour and metalness become diffuse = base·(1 − m) and specular = 0.04·(1 − m) + base·m; a specular map instead of
 //! metalness is taken as it is. Colours are decoded from sRGB unless they come from an EXR, which is linear already.
 
-mod manifest;
 mod names;
 
 use std::path::{Path, PathBuf};
 
 use render::texel::Texel;
 
-pub use manifest::{Manifest, ManifestRow, Metallic};
 pub use names::{MapKind, SetFiles};
 
+use super::decoding::{self, ColourTable};
 use super::error::MaterialError;
-use super::stored::{Material, MaterialInfo, Precision, Wrap};
+use super::files::is_hidden;
+use super::manifest::{Manifest, ManifestRow, Metallic};
+use super::stored::{MAX_STORED_SIDE, Material, MaterialInfo, Precision, Wrap};
 use crate::image_io::{Picture, Samples};
 
 /// Reflectance at normal incidence of a material that isn't a metal (refractive index 1.5).
 const DIELECTRIC_SPECULAR: f32 = 0.04;
 /// What a `spec` map of 1 means in the conventions that call it the specular level (0.5 is 0.04).
 const SPECULAR_LEVEL: f32 = 0.08;
-/// Longest side that is stored: the grid has no more texels, and the memory budget is made for it.
-const MAX_STORED_SIDE: usize = 4096;
 /// Aspect ratios of maps may differ by this much before they can't be maps of one surface.
 const ASPECT_TOLERANCE: f64 = 0.02;
 
@@ -45,7 +44,7 @@ pub struct PbrFolder {
 ///
 /// # Errors
 /// [`MaterialError::NoMaterials`] when there is none, [`MaterialError::MissingMap`] for the first folder that lacks a map,
-/// [`MaterialError::Manifest`] for a manifest that can't be understood.
+/// [`MaterialError::Line`] for a manifest that can't be understood.
 pub fn find_folders(path: &Path) -> Result<Vec<PbrFolder>, MaterialError> {
     let fail = |source| MaterialError::Folder { path: path.into(), source };
     if names::image_files(path).map_err(fail)?.iter().any(|file| names::is_map(file)) {
@@ -58,8 +57,7 @@ pub fn find_folders(path: &Path) -> Result<Vec<PbrFolder>, MaterialError> {
         std::fs::read_dir(path).map_err(fail)?.map(|e| e.map(|e| e.path())).collect::<Result<_, _>>().map_err(fail)?;
     paths.sort();
     for folder in paths {
-        let hidden = folder.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
-        if hidden || !folder.is_dir() || names::image_files(&folder).map_err(fail)?.is_empty() {
+        if is_hidden(&folder) || !folder.is_dir() || names::image_files(&folder).map_err(fail)?.is_empty() {
             continue;
         }
         let found = PbrFolder::open(&folder, &manifest)?;
@@ -112,9 +110,9 @@ impl PbrFolder {
         super::split::identity_of_scan(&self.name)
     }
 
-    /// The licence that the manifest states.
+    /// The licence that the manifest states, or that it states none.
     pub fn licence(&self) -> String {
-        self.manifest.licence.clone().unwrap_or_else(|| "not stated".into())
+        self.manifest.licence_or_unknown()
     }
 }
 
@@ -165,12 +163,12 @@ impl PbrMaps {
         let specular = match &files.specular {
             Some((path, level)) if metalness.is_none() => {
                 let picture = read(path)?;
-                Some(Specular { colours: ColourTable::of(&picture), picture, level: *level })
+                Some(Specular { colours: srgb(&picture), picture, level: *level })
             }
             _ => None,
         };
         Ok(Self {
-            colours: ColourTable::of(&base),
+            colours: srgb(&base),
             base,
             normal,
             normal_down: files.normal_down,
@@ -184,19 +182,20 @@ impl PbrMaps {
     }
 
     fn precision(&self) -> Precision {
-        let eight = |p: &Picture| matches!(p.samples, Samples::Eight(_));
-        if eight(&self.base) && eight(&self.normal) && eight(&self.roughness.0) { Precision::Eight } else { Precision::Sixteen }
+        let specular = self.specular.as_ref().map(|map| &map.picture);
+        let pictures = [&self.base, &self.normal, &self.roughness.0].into_iter().chain(specular);
+        decoding::precision(pictures.map(|p| &p.samples))
     }
 
     fn texel(&self, x: usize, y: usize) -> Texel {
-        let base = self.colours.rgb(&self.base, x, y);
+        let base = colour(&self.colours, &self.base, x, y);
         let roughness = self.roughness.0.value(self.roughness.1, x, y);
         let (diffuse, specular) = match &self.specular {
             Some(map) => {
                 let f0 = if map.level {
                     [SPECULAR_LEVEL * map.picture.value(0, x, y); 3]
                 } else {
-                    map.colours.rgb(&map.picture, x, y)
+                    colour(&map.colours, &map.picture, x, y)
                 };
                 (base, f0)
             }
@@ -210,19 +209,18 @@ impl PbrMaps {
     }
 
     fn normal(&self, x: usize, y: usize) -> [f32; 3] {
-        let stored: [f32; 3] = std::array::from_fn(|c| self.normal.value(c, x, y));
-        // 128 of 255 (32768 of 65535) is what every tool writes for "flat", so it is exactly 0 here.
-        let [nx, ny, nz] = match self.normal.samples {
-            Samples::Eight(_) => stored.map(|v| (v * 255.0 - 128.0) / 127.0),
-            Samples::Sixteen(_) => stored.map(|v| (v * 65535.0 - 32768.0) / 32767.0),
-            Samples::Linear(_) if self.normal_signed => stored,
-            Samples::Linear(_) => stored.map(|v| 2.0 * v - 1.0),
-        };
-        let ny = if self.normal_down { -ny } else { ny };
-        // Two-channel normal maps leave blue empty.
-        let nz = if nz > 0.0 { nz } else { (1.0 - nx * nx - ny * ny).max(0.0).sqrt() };
-        [nx, ny, nz]
+        let first = (y * self.normal.width + x) * self.normal.channels;
+        let [nx, ny, nz] = decoding::normal(&self.normal.samples, first, self.normal_signed);
+        [nx, if self.normal_down { -ny } else { ny }, nz]
     }
+}
+
+fn srgb(picture: &Picture) -> ColourTable {
+    ColourTable::new(&picture.samples, ops::colour::srgb_to_linear)
+}
+
+fn colour(table: &ColourTable, picture: &Picture, x: usize, y: usize) -> [f32; 3] {
+    table.rgb(&picture.samples, (y * picture.width + x) * picture.channels, picture.channels)
 }
 
 fn read_like(path: &Path, base: &Path, [width, height]: [usize; 2]) -> Result<Picture, MaterialError> {
@@ -237,32 +235,6 @@ fn read_like(path: &Path, base: &Path, [width, height]: [usize; 2]) -> Result<Pi
         });
     }
     Ok(picture.resized(width, height))
-}
-
-/// Linear light of every stored value, so that decoding 16 million texels takes no powers.
-struct ColourTable(Vec<f32>);
-
-impl ColourTable {
-    fn of(picture: &Picture) -> Self {
-        let steps = match picture.samples {
-            Samples::Eight(_) => 256,
-            Samples::Sixteen(_) => 65536,
-            Samples::Linear(_) => 0,
-        };
-        Self((0..steps).map(|i| ops::colour::srgb_to_linear(i as f32 / (steps - 1) as f32)).collect())
-    }
-
-    fn rgb(&self, picture: &Picture, x: usize, y: usize) -> [f32; 3] {
-        let pixel = (y * picture.width + x) * picture.channels;
-        std::array::from_fn(|c| {
-            let index = pixel + c.min(picture.channels - 1);
-            match &picture.samples {
-                Samples::Eight(v) => self.0[usize::from(v[index])],
-                Samples::Sixteen(v) => self.0[usize::from(v[index])],
-                Samples::Linear(v) => v[index].clamp(0.0, 1.0),
-            }
-        })
-    }
 }
 
 #[cfg(test)]

@@ -152,7 +152,7 @@ fn manifests_say_which_materials_are_metals() {
     assert!(matches!(find_folders(root.path()), Err(MaterialError::MissingMap { map: "metalness", .. })));
     for (text, bad_line) in [("folder\nwood\n", 1), ("name\tmetallic\nwood\tperhaps\n", 2), ("name\nwood\n\nwood\n", 4)] {
         fs::write(root.path().join("MANIFEST.tsv"), text).unwrap();
-        assert!(matches!(find_folders(root.path()), Err(MaterialError::Manifest { line, .. }) if line == bad_line), "{text}");
+        assert!(matches!(find_folders(root.path()), Err(MaterialError::Line { line, .. }) if line == bad_line), "{text}");
     }
 }
 

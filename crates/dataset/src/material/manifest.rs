@@ -1,9 +1,9 @@
-//! An optional table beside the material folders: `manifest.tsv` (or `MANIFEST.tsv`), columns found by their header.
+//! An optional table beside the material folders or files: `manifest.tsv` (or `MANIFEST.tsv`), columns found by their header.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use crate::material::error::MaterialError;
+use super::error::MaterialError;
 
 /// Whether a material without a metalness map is a metal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,6 +15,9 @@ pub enum Metallic {
     /// `map`: there is a metalness map.
     Map,
 }
+
+/// Licence of a material whose manifest names none.
+const UNKNOWN_LICENCE: &str = "not stated";
 
 /// What a manifest says of one material.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -35,6 +38,13 @@ impl Default for ManifestRow {
     }
 }
 
+impl ManifestRow {
+    /// The licence, or that none is stated.
+    pub fn licence_or_unknown(&self) -> String {
+        self.licence.clone().unwrap_or_else(|| UNKNOWN_LICENCE.into())
+    }
+}
+
 /// The rows of a manifest by material name; empty when there is no manifest.
 #[derive(Clone, Debug, Default)]
 pub struct Manifest {
@@ -45,14 +55,14 @@ impl Manifest {
     /// Reads the manifest of a folder, if it has one.
     ///
     /// # Errors
-    /// [`MaterialError::Manifest`] with the line that can't be understood.
+    /// [`MaterialError::Read`] when it can't be read, [`MaterialError::Line`] with the line that can't be understood.
     pub fn beside(folder: &Path) -> Result<Self, MaterialError> {
         for name in ["manifest.tsv", "MANIFEST.tsv"] {
             let path = folder.join(name);
             match std::fs::read(&path) {
                 Ok(bytes) => return Self::parse(&path, &String::from_utf8_lossy(&bytes)),
                 Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
-                Err(e) => return Err(MaterialError::Manifest { path, line: 0, reason: e.to_string() }),
+                Err(source) => return Err(MaterialError::Read { path, source }),
             }
         }
         Ok(Self::default())
@@ -61,9 +71,9 @@ impl Manifest {
     /// Parses a table of tab-separated columns.
     ///
     /// # Errors
-    /// [`MaterialError::Manifest`] with the line that can't be understood.
+    /// [`MaterialError::Line`] with the line that can't be understood.
     pub fn parse(path: &Path, text: &str) -> Result<Self, MaterialError> {
-        let fail = |line: usize, reason: String| MaterialError::Manifest { path: PathBuf::from(path), line, reason };
+        let fail = |line: usize, reason: String| MaterialError::Line { path: PathBuf::from(path), line, reason };
         let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate().filter(|(_, l)| !l.trim().is_empty());
         let Some((_, header)) = lines.next() else { return Ok(Self::default()) };
         let header: Vec<String> = header.split('\t').map(|h| h.trim().to_lowercase()).collect();
