@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::material::error::MaterialError;
+use crate::material::files::is_hidden;
 use crate::material::split::is_size;
 
 const EXTENSIONS: &[&str] = &["png", "exr", "jpg", "jpeg"];
@@ -53,7 +54,7 @@ const NAMES: &[(MapKind, &[&str])] = &[
     ),
     (MapKind::Roughness, &["roughness", "rough", "rgh"]),
     (MapKind::Gloss, &["gloss", "glossiness", "smoothness"]),
-    (MapKind::Metalness, &["metalness", "metallic", "metallness", "metal"]),
+    (MapKind::Metalness, &["metalness", "metallic", "metallness", "metal", "met"]),
     (MapKind::Specular, &["specular"]),
     (MapKind::SpecularLevel, &["spec"]),
     (MapKind::Packed, &["arm", "orm"]),
@@ -62,6 +63,8 @@ const NAMES: &[(MapKind, &[&str])] = &[
         &["base_color", "base_colour", "basecolor", "basecolour", "color", "colour", "albedo", "diffuse", "diff", "col"],
     ),
 ];
+/// The base colours that hold no metal's colour: what goes with a specular map, in folders that have both.
+const DIFFUSE: &[&str] = &["diffuse", "diff"];
 
 /// A single-channel map: a file and the channel to read.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -93,7 +96,9 @@ pub struct SetFiles {
 
 struct Found {
     kind: MapKind,
-    /// Position in the list of names: earlier ones say more.
+    /// The name in the list that fits.
+    name: &'static str,
+    /// Its position there: earlier ones say more.
     rank: usize,
     /// The file's name before the map's.
     prefix: String,
@@ -121,7 +126,7 @@ impl SetFiles {
             (None, Some(down)) => (down.path.clone(), true),
             (None, None) => return Err(missing(folder, MapKind::NormalUp)),
         };
-        let packed = pick(MapKind::Packed).map(|f| f.path.clone());
+        let packed = same(MapKind::Packed);
         let channel = |path: &PathBuf, channel| ChannelFile { path: path.clone(), channel };
         let (roughness, gloss) = match (pick(MapKind::Roughness), pick(MapKind::Gloss), &packed) {
             (Some(file), _, _) => (channel(&file.path, 0), false),
@@ -129,9 +134,14 @@ impl SetFiles {
             (None, None, Some(path)) => (channel(path, 1), false),
             (None, None, None) => return Err(missing(folder, MapKind::Roughness)),
         };
-        // A `metal` that isn't named like the base colour is a word of the material's name.
+        // A `metal` or `arm` that isn't named like the base colour is a word of the material's name.
         let metalness = same(MapKind::Metalness).map(|p| channel(&p, 0)).or_else(|| packed.as_ref().map(|p| channel(p, 2)));
         let specular = same(MapKind::Specular).map(|p| (p, false)).or_else(|| same(MapKind::SpecularLevel).map(|p| (p, true)));
+        let is_diffuse = |f: &&Found| f.kind == MapKind::Base && f.prefix == base.prefix && DIFFUSE.contains(&f.name);
+        let base = match (&metalness, &specular) {
+            (None, Some(_)) => found.iter().find(is_diffuse).unwrap_or(base),
+            _ => base,
+        };
         Ok(Self { base: base.path.clone(), normal, normal_down, roughness, gloss, metalness, specular })
     }
 }
@@ -141,7 +151,7 @@ pub(super) fn image_files(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder)? {
         let path = entry?.path();
-        if path.is_file() && extension_rank(&path) < EXTENSIONS.len() {
+        if path.is_file() && extension_rank(&path) < EXTENSIONS.len() && !is_hidden(&path) {
             files.push(path);
         }
     }
@@ -165,12 +175,12 @@ fn classify(path: &Path) -> Option<Found> {
     let is_noise = |word: &str| is_size(word) || EXTENSIONS.contains(&word) || word.bytes().all(|b| b.is_ascii_digit());
     let end = words.iter().rposition(|w| !is_noise(w))? + 1;
     for (kind, names) in NAMES {
-        for (rank, name) in names.iter().enumerate() {
-            let name: Vec<&str> = name.split('_').collect();
-            if words[..end].ends_with(&name.iter().map(|n| (*n).to_string()).collect::<Vec<_>>()) {
-                let prefix = words[..end - name.len()].iter().filter(|w| !is_size(w) && !EXTENSIONS.contains(&w.as_str()));
+        for (rank, &name) in names.iter().enumerate() {
+            let length = name.split('_').count();
+            if end >= length && name.split('_').eq(&words[end - length..end]) {
+                let prefix = words[..end - length].iter().filter(|w| !is_size(w) && !EXTENSIONS.contains(&w.as_str()));
                 let prefix = prefix.cloned().collect::<Vec<_>>().join("_");
-                return Some(Found { kind: *kind, rank, prefix, path: path.into() });
+                return Some(Found { kind: *kind, name, rank, prefix, path: path.into() });
             }
         }
     }

@@ -4,6 +4,7 @@ use ops::planes::Planes;
 use proptest::prelude::*;
 
 use super::*;
+use crate::damage::{Damage, in_time};
 use crate::image_io::{Overwrite, write_exr, write_png8, write_png16};
 
 /// A folder with a map per (name, colour); extension decides the format.
@@ -77,6 +78,59 @@ fn the_names_of_all_libraries_are_understood() {
     }
 }
 
+/// Whole folders as they come: every map is there, and what isn't wanted would show as white, dark or tilted.
+#[test]
+fn folders_as_the_libraries_ship_them_are_understood() {
+    let folders: &[(&str, &[&str], &[&str])] = &[
+        (
+            "Metal009_1K-JPG",
+            &["_Color.jpg", "_NormalGL.jpg", "_Roughness.jpg", "_Metalness.jpg"],
+            &["_NormalDX.jpg", "_AmbientOcclusion.jpg", "_Displacement.jpg", "_Opacity.jpg", ".png"],
+        ),
+        (
+            "rusty_metal_05",
+            &["_diff_2k.jpg", "_nor_gl_2k.exr", "_rough_2k.exr", "_metal_2k.png"],
+            &["_nor_dx_2k.exr", "_arm_2k.jpg", "_ao_2k.jpg", "_disp_2k.png", "_spec_2k.png", "_mask_2k.png", ".png"],
+        ),
+        (
+            "",
+            &["basecolor.png", "normal.png", "roughness.png", "metallic.png"],
+            &["diffuse.png", "specular.png", "displacement.png", "height.png", "opacity.png", "blend_mask.png"],
+        ),
+        (
+            "RustyMetal01_2K",
+            &["_BaseColor.png", "_Normal.png", "_Roughness.png", "_Metallic.png"],
+            &["_AO.png", "_Height.png", "_Opacity.png"],
+        ),
+        (
+            "Metal_Plate_048",
+            &["_basecolor.jpg", "_normal.jpg", "_roughness.jpg", "_metallic.jpg"],
+            &["_ambientOcclusion.jpg", "_height.png", "_opacity.jpg"],
+        ),
+        (
+            "Sci-fi_Metal_003",
+            &["_COLOR.jpg", "_NORM.jpg", "_ROUGH.jpg", "_METALLIC.jpg"],
+            &["_OCC.jpg", "_DISP.png", "_SPEC.jpg", "_EMISSION.jpg"],
+        ),
+    ];
+    for (name, maps, others) in folders {
+        let set = tempfile::tempdir().unwrap();
+        let write = |ending: &str, colour: &[f32]| {
+            write_map(&set.path().join(format!("{name}{ending}")), &Planes::constant(8, 8, colour));
+        };
+        for (map, colour) in maps.iter().zip([GREY, FLAT, &[0.6; 3], &[1.0; 3]]) {
+            write(map, colour);
+        }
+        for other in *others {
+            let tilted = other.to_lowercase().contains("nor");
+            write(other, if tilted { TILTED } else { &[1.0, 0.0, 0.0] });
+        }
+        let texel = middle(&load(set.path()).unwrap_or_else(|e| panic!("{name}: {e}")));
+        assert!(texel.normal[2] > 0.999 && (texel.roughness - 0.6).abs() < 0.01, "{name}: {texel:?}");
+        assert!(texel.diffuse[0] < 0.01 && (texel.specular[1] - 0.503).abs() < 0.02, "{name}: {texel:?}");
+    }
+}
+
 #[test]
 fn colours_are_decoded_and_metalness_mixes_diffuse_and_specular() {
     let quarter =
@@ -93,7 +147,7 @@ fn colours_are_decoded_and_metalness_mixes_diffuse_and_specular() {
 }
 
 #[test]
-fn specular_maps_packed_maps_and_sixteen_bits() {
+fn specular_maps_and_packed_maps() {
     let coloured = folder(&[
         ("x_diffuse.png", GREY),
         ("x_normal.png", FLAT),
@@ -108,9 +162,37 @@ fn specular_maps_packed_maps_and_sixteen_bits() {
     let texel = middle(&load(packed.path()).unwrap());
     assert!((texel.roughness - 0.3).abs() < 0.01 && texel.diffuse[0] < 1e-3);
 
-    let fine = folder(&[("color.png", GREY), ("normal.png", FLAT)]);
-    write_png16(&fine.path().join("roughness.png"), &Planes::constant(8, 8, &[0.123_45]), Overwrite::Allow).unwrap();
-    assert!((middle(&load(fine.path()).unwrap()).roughness - 0.123_45).abs() < 1e-5);
+    // Beside a specular map it is the diffuse colour that counts, not the colour of what is metal, too.
+    write_map(&coloured.path().join("x_basecolor.png"), &Planes::constant(8, 8, &[1.0; 3]));
+    assert!((middle(&load(coloured.path()).unwrap()).diffuse[0] - 0.503).abs() < 0.02);
+}
+
+#[test]
+fn sixteen_bits_of_any_map_are_kept() {
+    let maps: [(&str, &[f32]); 4] = [
+        ("diffuse.png", &[0.123_45; 3]),
+        ("normal.png", &[0.512_34, 0.487_65, 1.0]),
+        ("roughness.png", &[0.123_45]),
+        ("specular.png", &[0.2; 3]),
+    ];
+    let set = folder(&maps.map(|(name, _)| (name, GREY)));
+    let eight = load(set.path()).unwrap().bytes();
+    for (name, colour) in maps {
+        let path = set.path().join(name);
+        write_png16(&path, &Planes::constant(8, 8, colour), Overwrite::Allow).unwrap();
+        let material = load(set.path()).unwrap();
+        write_map(&path, &Planes::constant(8, 8, GREY));
+        assert_eq!(material.bytes(), 2 * eight, "{name}");
+        let texel = middle(&material);
+        let linear = ops::colour::srgb_to_linear(colour[0]);
+        let (found, expected) = match name {
+            "diffuse.png" => (texel.diffuse[0], linear),
+            "normal.png" => (texel.normal[0], 2.0 * colour[0] - 1.0),
+            "roughness.png" => (texel.roughness, colour[0]),
+            _ => (texel.specular[0], linear),
+        };
+        assert!((found - expected).abs() < 1e-4, "{name}: {found} {expected}");
+    }
 }
 
 #[test]
@@ -197,6 +279,23 @@ fn a_word_of_the_name_is_not_a_map() {
         ("rusty_metal.png", &[1.0]),
     ]);
     assert!(SetFiles::find(set.path()).unwrap().metalness.is_none());
+    // Nor is `robot_arm.png` a packed one.
+    let set = folder(&[
+        ("robot_arm_diff.png", GREY),
+        ("robot_arm_nor_gl.png", FLAT),
+        ("robot_arm_rough.png", GREY),
+        ("robot_arm.png", &[1.0; 3]),
+    ]);
+    assert!(SetFiles::find(set.path()).unwrap().metalness.is_none());
+}
+
+#[test]
+fn what_a_mac_adds_to_an_archive_is_no_map() {
+    let set = folder(&[("a_Color.png", GREY), ("a_NormalGL.png", FLAT), ("a_Roughness.png", GREY)]);
+    for map in ["Color", "NormalGL", "Roughness", "Metalness"] {
+        fs::write(set.path().join(format!("._a_{map}.png")), b"\x00\x05\x16\x07").unwrap();
+    }
+    load(set.path()).unwrap();
 }
 
 proptest! {
@@ -206,6 +305,19 @@ proptest! {
     fn manifests_of_any_text_never_panic(text in "(name|metallic|used|\t|\n|\r\n|[a-z01ä]{0,4}){0,30}") {
         if let Ok(manifest) = Manifest::parse(Path::new("manifest.tsv"), &text) {
             let _ = manifest.row("a");
+        }
+    }
+
+    /// Whatever one of the maps holds, loading the folder ends in a material or an error.
+    #[test]
+    fn damaged_maps_never_panic(map in 0..4usize, damage in Damage::any()) {
+        let names = ["a_Color.jpg", "a_NormalGL.png", "a_Roughness.exr", "a_Metalness.png"];
+        let set = folder(&[(names[0], GREY), (names[1], FLAT), (names[2], &[0.5]), (names[3], &[1.0])]);
+        let path = set.path().join(names[map]);
+        fs::write(&path, damage.done_to(&fs::read(&path).unwrap())).unwrap();
+        if let Ok(material) = in_time(|| load(set.path())) {
+            let texel = middle(&material);
+            prop_assert!(texel.normal[2].is_finite() && (0.0..=1.0).contains(&texel.roughness));
         }
     }
 
