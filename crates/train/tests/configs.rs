@@ -57,6 +57,28 @@ fn assignments_lie_on_top_and_take_plain_words() {
 }
 
 #[test]
+fn sources_of_materials_say_what_nobody_can_guess() {
+    let load = |sources: &str| Config::load("spiral", &[format!("materials={sources}")]).map_err(|e| e.to_string());
+    let strips = r#"[{type="inria", path=".", albedo_encoding="gamma", weight=2.0}, {type="procedural"}]"#;
+    let config = load(strips).unwrap();
+    assert_eq!(config, toml::from_str(&config.to_toml()).unwrap());
+    assert_eq!(config.materials.iter().map(|source| source.weight()).collect::<Vec<_>>(), [2.0, 1.0]);
+    for (sources, parts) in [
+        (r#"[{type="inria", path="."}]"#, ["missing key `albedo_encoding`", "no default"]),
+        (r#"[{type="npy", path=".", albedo_encoding="linear"}]"#, ["missing key `roughness_squared`", "no default"]),
+        (r#"[{type="inria", path=".", albedo_encoding="srgb"}]"#, ["unknown value `srgb`", "gamma, linear"]),
+        (r#"[{type="npi", path="."}]"#, ["unknown value `npi`", "did you mean `npy`?"]),
+        (
+            r#"[{type="npy", path="no/such", albedo_encoding="linear", roughness_squared=true}]"#,
+            ["source 1 (npy): path is no/such", ".txt list"],
+        ),
+    ] {
+        let text = load(sources).unwrap_err();
+        assert!(parts.iter().all(|part| text.contains(part)), "{text}");
+    }
+}
+
+#[test]
 fn all_impossible_values_are_told_at_once() {
     let set = [
         "adjacent.batch=0",

@@ -61,7 +61,7 @@ impl fmt::Display for Diagnosis {
     }
 }
 
-/// Adds the nearest known name to serde's "unknown field/variant `x`, expected …".
+/// Adds the nearest known name to serde's "unknown field/variant `x`, expected …", and to "missing field `x`" what to do.
 fn explain(message: &str) -> (String, Vec<String>) {
     let first_line = message.lines().next().unwrap_or_default().to_string();
     let mut names = first_line.split('`').skip(1).step_by(2).map(str::to_string);
@@ -69,6 +69,9 @@ fn explain(message: &str) -> (String, Vec<String>) {
         "key"
     } else if first_line.starts_with("unknown variant") {
         "value"
+    } else if first_line.starts_with("missing field") {
+        let help = "it has no default, because nothing here can tell what it must be: write it out".to_string();
+        return (format!("missing key `{}`", names.next().unwrap_or_default()), vec![help]);
     } else {
         return (first_line, Vec::new());
     };
