@@ -1,6 +1,7 @@
 //! Materials that are one file each: which files a folder or a list names, and what is known of them before they are read.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::path::{Path, PathBuf};
 
 use super::error::MaterialError;
@@ -47,12 +48,14 @@ pub fn find_files(path: &Path, extension: &'static str) -> Result<Vec<MaterialFi
     let mut manifests: HashMap<PathBuf, Manifest> = HashMap::new();
     let mut files = Vec::new();
     for path in paths {
-        let folder = path.parent().unwrap_or(Path::new("")).to_path_buf();
-        if !manifests.contains_key(&folder) {
-            manifests.insert(folder.clone(), Manifest::beside(&folder)?);
-        }
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let manifest = manifests[&folder].row(&name);
+        let manifest = match manifests.entry(path.parent().unwrap_or(Path::new("")).into()) {
+            Entry::Occupied(known) => known.get().row(&name),
+            Entry::Vacant(new) => {
+                let manifest = Manifest::beside(new.key())?;
+                new.insert(manifest).row(&name)
+            }
+        };
         if manifest.used {
             files.push(MaterialFile { path, name, manifest });
         }

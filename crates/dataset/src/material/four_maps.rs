@@ -58,7 +58,7 @@ impl FourMaps {
     /// As [`Material::build`].
     pub(super) fn build(&self, info: MaterialInfo) -> Result<Material, MaterialError> {
         let colours = ColourTable::new(&self.samples, self.albedo.decode());
-        let precision = decoding::precision([&self.samples].into_iter());
+        let precision = decoding::precision(std::iter::once(&self.samples));
         Material::build(info, self.width, self.height, precision, |x, y| {
             let [normal, diffuse, roughness, specular] =
                 std::array::from_fn(|map| y * self.strides.row + x * self.strides.column + map * self.strides.map);
