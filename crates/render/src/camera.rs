@@ -64,6 +64,23 @@ impl Camera {
         positive(source.world_to_pixel(res).matrix * target.pixel_to_world(res).matrix)
     }
 
+    /// The camera on the way from this one (share 0, exactly) to `next` (share 1): position and axes move linearly, and the axes
+    /// are made orthonormal again. Other shares go on in the same direction.
+    ///
+    /// # Panics
+    /// If the two look in opposite directions.
+    pub fn towards(&self, next: &Self, share: f64) -> Self {
+        if share == 0.0 {
+            return *self;
+        }
+        let mix = |a: [f64; 3], b: [f64; 3]| std::array::from_fn::<f64, 3, _>(|k| a[k] + share * (b[k] - a[k]));
+        let (position, forward, down) =
+            (mix(self.position, next.position), mix(self.forward, next.forward), mix(self.down, next.down));
+        let target = std::array::from_fn(|k| position[k] + forward[k]);
+        let fov_rad = self.fov_rad + share * (next.fov_rad - self.fov_rad);
+        Self::look_at(position, target, down.map(|v| -v), fov_rad)
+    }
+
     /// Unit direction from the camera through a pixel, in world coordinates.
     pub fn ray(&self, x: f64, y: f64, res: usize) -> [f64; 3] {
         let (focal, centre) = (self.focal_px(res), (res as f64 - 1.0) / 2.0);
@@ -166,6 +183,22 @@ mod tests {
         assert!((got.0 - expected.0).abs() < 1e-8 && (got.1 - expected.1).abs() < 1e-8);
         let same = Camera::between(&a, &a, 128).apply(7.0, 11.0).unwrap();
         assert!((same.0 - 7.0).abs() < 1e-9 && (same.1 - 11.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_camera_moves_from_one_pose_to_the_next() {
+        let (a, b) = (tilted(), Camera::look_at([0.24, -0.08, 0.22], [0.25, -0.1, 0.0], [-0.02, 1.0, 0.0], 0.5));
+        assert_eq!(a.towards(&b, 0.0), a);
+        let (end, middle, beyond) = (a.towards(&b, 1.0), a.towards(&b, 0.5), a.towards(&b, -1.0));
+        let dot = |u: [f64; 3], v: [f64; 3]| (0..3).map(|k| u[k] * v[k]).sum::<f64>();
+        for k in 0..3 {
+            assert!((end.position[k] - b.position[k]).abs() < 1e-12 && (end.down[k] - b.down[k]).abs() < 1e-12);
+            assert!((middle.position[k] - 0.5 * (a.position[k] + b.position[k])).abs() < 1e-12);
+            assert!((beyond.position[k] - (2.0 * a.position[k] - b.position[k])).abs() < 1e-12);
+        }
+        assert!((dot(middle.right, middle.right) - 1.0).abs() < 1e-12 && dot(middle.right, middle.forward).abs() < 1e-12);
+        let angle = |c: &Camera| dot(c.forward, b.forward).clamp(-1.0, 1.0).acos();
+        assert!((angle(&middle) / angle(&a) - 0.5).abs() < 1e-2);
     }
 
     #[test]

@@ -29,6 +29,7 @@ pub mod camera;
 pub mod direction;
 pub mod evaluation;
 pub mod fused;
+pub mod lens;
 pub mod light;
 pub mod loss;
 pub mod pixel;
