@@ -18,6 +18,9 @@ use line::LineOrder;
 /// The camera's x and y never leave ±0.9 (§4; the material ends at ±1).
 pub const CLAMP: f64 = 0.9;
 
+/// Least height of a camera, as a share of the height it should have.
+const LEAST_HEIGHT: f64 = 0.2;
+
 /// Template units in half the width of a view.
 const UNITS_PER_HALF_VIEW: f64 = 12.0;
 
@@ -186,6 +189,29 @@ pub struct CameraPath {
     pub unit: f64,
 }
 
+impl CameraPath {
+    /// The cameras one frame before, at, and one frame after a frame. Before the first and after the last frame the motion is
+    /// taken to go on as it was.
+    ///
+    /// # Panics
+    /// If there is no such frame.
+    pub fn around(&self, frame: usize) -> [Camera; 3] {
+        let at = self.cameras[frame];
+        let neighbour = |index: Option<usize>, opposite: usize| match index.and_then(|i| self.cameras.get(i)) {
+            Some(camera) => *camera,
+            None => continued(&at, self.cameras.get(opposite).unwrap_or(&at)),
+        };
+        [neighbour(frame.checked_sub(1), frame + 1), at, neighbour(Some(frame + 1), frame.saturating_sub(1))]
+    }
+}
+
+/// Where the motion from `from` to `at` leads within another frame, as high above the surface as [`Pose::on_path`] demands.
+fn continued(at: &Camera, from: &Camera) -> Camera {
+    let mut camera = at.towards(from, -1.0);
+    camera.position[2] = camera.position[2].max(LEAST_HEIGHT * at.position[2]);
+    camera
+}
+
 /// A camera's position, look-at point and tilt, before they become axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pose {
@@ -200,7 +226,7 @@ impl Pose {
         let clamped = |k: usize| (template[k] + deviation.position[k]).clamp(-CLAMP, CLAMP);
         let (x, y) = (clamped(0), clamped(1));
         // A hand never reaches the surface: at deviation scales far above the paper's the height would cross it.
-        let z = (template[2] + deviation.position[2]).max(0.2 * template[2]);
+        let z = (template[2] + deviation.position[2]).max(LEAST_HEIGHT * template[2]);
         Self { position: [x, y, z], look_at: [x + deviation.look_at[0], y + deviation.look_at[1]], tilt: deviation.tilt }
     }
 
@@ -303,6 +329,23 @@ mod tests {
             assert!((fast.cameras[4 * 37].position[k] - base.cameras[37].position[k]).abs() < 1e-12);
             assert!((slow.cameras[33].position[k] - base.cameras[66].position[k]).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn the_motion_goes_on_beyond_both_ends_of_the_path() {
+        let path = &paths(&PathConfig::default(), 1)[0];
+        assert_eq!(path.around(7), [path.cameras[6], path.cameras[7], path.cameras[8]]);
+        let ([before, first, second], [.., last, after]) = (path.around(0), path.around(140));
+        assert_eq!((first, second, last), (path.cameras[0], path.cameras[1], path.cameras[140]));
+        for k in 0..3 {
+            assert!((before.position[k] - 2.0 * first.position[k] + second.position[k]).abs() < 1e-12);
+            assert!((after.position[k] - 2.0 * last.position[k] + path.cameras[139].position[k]).abs() < 1e-12);
+        }
+        let still = CameraPath { cameras: vec![first], ..path.clone() };
+        assert!(still.around(0).iter().all(|c| (c.position[0] - first.position[0]).abs() < 1e-12));
+        let mut diving = path.clone();
+        diving.cameras[1].position[2] = 3.0 * first.position[2];
+        assert_eq!(diving.around(0)[0].position[2], LEAST_HEIGHT * first.position[2]);
     }
 
     #[test]
