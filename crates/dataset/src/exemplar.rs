@@ -26,7 +26,8 @@ pub struct Exemplar {
     pub flows: Vec<Planes>,
     /// Pixels of the guidance frame that each key frame sees.
     pub valid: Vec<Mask>,
-    /// The same warps as matrices.
+    /// The same warps as matrices; under a lens that bends lines or a rolling shutter, those of
+    /// [`Sequence::homography`], which `flows` and `valid` depart from.
     pub homographies: Vec<Homography>,
     /// The maps that the guidance frame sees, normals in its axes.
     pub target: SvbrdfImage,
@@ -137,12 +138,13 @@ impl Exemplar {
     /// If the video lacks one of the frames.
     pub fn of(video: &Sequence, guidance: usize, key_frames: &[usize], resolution: usize) -> Self {
         let indices: Vec<usize> = std::iter::once(guidance).chain(key_frames.iter().copied()).collect();
-        let homographies: Vec<Homography> = key_frames.iter().map(|&key| video.homography(guidance, key, resolution)).collect();
+        let homographies = key_frames.iter().map(|&key| video.homography(guidance, key, resolution)).collect();
         let side = resolution;
+        let (flows, valid) = key_frames.iter().map(|&key| video.flow(guidance, key, side)).unzip();
         Self {
             frames: indices.iter().map(|&i| video.frame(i, side)).collect(),
-            flows: homographies.iter().map(|h| h.flow(side, side)).collect(),
-            valid: homographies.iter().map(|h| h.valid(side, side, side, side)).collect(),
+            flows,
+            valid,
             homographies,
             target: video.target_maps(guidance, side),
             material: video.material().to_owned(),

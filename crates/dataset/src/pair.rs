@@ -7,7 +7,7 @@ use rand::seq::SliceRandom;
 use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 
-use crate::sequence::Sequence;
+use crate::sequence::{FrameWarp, Sequence};
 
 /// Overlaps narrower than this teach nothing (§5).
 pub const LEAST_OVERLAP_PX: usize = 30;
@@ -199,26 +199,19 @@ impl FlowPair {
         rng: &mut impl Rng,
     ) -> Self {
         let render = |frame, w: Window| video.frame_crop(frame, res, w.y, w.x, w.height, w.width);
-        let (mut images, mut map) = ([render(target, first), render(source, second)], video.homography(target, source, res));
+        let mut images = [render(target, first), render(source, second)];
         let to_frame = Homography::translation(first.x as f64, first.y as f64);
         let to_window = Homography::translation(-(second.x as f64), -(second.y as f64));
-        map = to_window.after(&map).after(&to_frame);
+        let mut warp = video.warp(target, source, res).within(&to_frame, &to_window);
         if augment {
             let change = Change::draw(rng);
             let sides = (first.height, first.width);
             images = images.map(|image| change.image(&image));
-            map = change.map(&map, sides);
+            warp = change.warp(warp, sides);
         }
         let [first, second] = images;
-        let (height, width) = (first.height, first.width);
-        Self {
-            flow: map.flow(height, width),
-            valid: map.valid(height, width, second.height, second.width),
-            first,
-            second,
-            material: video.material().to_owned(),
-            textured: video.textured(),
-        }
+        let (flow, valid) = warp.flow([first.height, first.width], [second.height, second.width]);
+        Self { flow, valid, first, second, material: video.material().to_owned(), textured: video.textured() }
     }
 }
 
@@ -281,15 +274,15 @@ impl Change {
     }
 
     /// The map between the changed images.
-    fn map(&self, map: &Homography, (height, width): (usize, usize)) -> Homography {
+    fn warp(&self, warp: FrameWarp, (height, width): (usize, usize)) -> FrameWarp {
         let flip = |on: bool, side: usize| if on { (-1.0, side as f64 - 1.0) } else { (1.0, 0.0) };
         let ((sx, ox), (sy, oy)) = (flip(self.flip_x, width), flip(self.flip_y, height));
         let flips = Matrix3::new(sx, 0.0, ox, 0.0, sy, oy, 0.0, 0.0, 1.0);
         let transpose =
             if self.transpose { Matrix3::new(0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0) } else { Matrix3::identity() };
         // Flips are their own inverse, and so is the transposition.
-        let (there, back) = (transpose * flips, flips * transpose);
-        Homography::new(there * map.matrix * back)
+        let (there, back) = (Homography::new(transpose * flips), Homography::new(flips * transpose));
+        warp.within(&back, &there)
     }
 }
 
@@ -299,7 +292,7 @@ mod tests {
     use crate::path::PathConfig;
     use crate::sequence::SequenceConfig;
     use crate::sequence::lights::VideoLights;
-    use crate::sequence::tests::sequence;
+    use crate::sequence::tests::{sequence, with_sensor};
     use crate::stream::Stream;
     use ops::flow_field::warp_planes;
     use render::light::Light;
@@ -345,6 +338,24 @@ mod tests {
             let (warped, still) = residual(&pair);
             assert!(warped < 0.2 * still, "draw {draw}: {warped} warped, {still} as it is");
         }
+    }
+
+    #[test]
+    fn the_flow_of_a_pair_follows_a_bending_lens_and_a_rolling_shutter() {
+        let options = "distortion = { k1 = [-0.4, -0.4], k2 = [0.0, 0.0] }\nrolling_shutter = { readout = [1.0, 1.0] }";
+        let bent = with_sensor(evenly_lit(4), options);
+        for draw in 0..12 {
+            let rng = || Stream::new(9).rng("pair", draw);
+            let pair = FlowPair::adjacent(&bent, 3 + draw as usize, &config(96), &mut rng()).unwrap();
+            let (warped, still) = residual(&pair);
+            assert!(warped < 0.2 * still, "draw {draw}: {warped} warped, {still} as it is");
+            let ideal = FlowPair::adjacent(&evenly_lit(4), 3 + draw as usize, &config(96), &mut rng()).unwrap();
+            assert_ne!(pair.flow, ideal.flow);
+            assert_eq!((pair.flow.height, pair.flow.width), (ideal.flow.height, ideal.flow.width));
+        }
+        let pair = FlowPair::distant(&bent, &config(0), &mut Stream::new(9).rng("pair", 0)).unwrap();
+        let (warped, still) = residual(&pair);
+        assert!(warped < 0.5 * still, "{warped} warped, {still} as it is");
     }
 
     #[test]

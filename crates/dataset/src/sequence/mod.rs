@@ -6,7 +6,9 @@
 
 pub mod lights;
 mod noise;
+pub mod sensor;
 mod target;
+mod warp;
 
 use std::sync::Arc;
 
@@ -16,17 +18,21 @@ use rand::RngExt;
 use rayon::prelude::*;
 use render::brdf::BrdfModel;
 use render::camera::Camera;
-use render::light::radiance;
+use render::light::{Light, radiance};
 use render::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 
 use crate::material::augment::{AugmentConfig, AugmentError, Augmentation, AugmentedMaterial};
 use crate::material::{GRID, Material};
+use crate::path::line::LineOrder;
 use crate::path::{CameraPath, PathConfig, PathError};
 use crate::stream::Stream;
 
 use lights::{LightConfig, Lighting, VideoLights};
 pub(crate) use noise::PixelNoise;
+use sensor::{BLOCK, SensorConfig, SensorError, VideoSensor, compressed};
+use warp::FrameGeometry;
+pub use warp::{BentWarp, FrameWarp};
 
 /// What videos to make.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,6 +46,8 @@ pub struct SequenceConfig {
     pub light: LightConfig,
     /// Multiplies the sensor noise of §4; 0 switches it off.
     pub noise_scale: f32,
+    /// What the paper's sensor doesn't do: lens, shutter, automatic controls, compression. All off by default.
+    pub sensor: SensorConfig,
 }
 
 impl Default for SequenceConfig {
@@ -60,9 +68,17 @@ pub enum SequenceConfigError {
     /// In the light.
     #[error("light.ambient is {0:?}; expected [low, high] with 0 ≤ low ≤ high ≤ 10, a share of the flash")]
     Ambient([f64; 2]),
-    /// In the sensor.
+    /// In the noise.
     #[error("noise_scale is {0}; expected a factor, 0 to 100")]
     Noise(f32),
+    /// In the sensor's options.
+    #[error(transparent)]
+    Sensor(#[from] SensorError),
+    /// A path without a motion between frames.
+    #[error(
+        "path.line_order is interleaved, which jumps from frame to frame; sensor.motion_blur and sensor.rolling_shutter expect line_order = \"scan\""
+    )]
+    Jumps,
 }
 
 impl SequenceConfig {
@@ -73,6 +89,7 @@ impl SequenceConfig {
             augment: AugmentConfig::default(),
             light: LightConfig::default(),
             noise_scale: 1.0,
+            sensor: SensorConfig::default(),
         }
     }
 
@@ -83,6 +100,7 @@ impl SequenceConfig {
             augment: AugmentConfig { perlin: 0.0, ..AugmentConfig::default() },
             light: LightConfig { kind: Lighting::Flow, ambient: [0.0; 2] },
             noise_scale: 1.0,
+            sensor: SensorConfig::default(),
         }
     }
 
@@ -100,6 +118,10 @@ impl SequenceConfig {
         if !(0.0..=100.0).contains(&self.noise_scale) {
             return Err(SequenceConfigError::Noise(self.noise_scale));
         }
+        self.sensor.validate()?;
+        if self.sensor.moves() && self.path.line_order == LineOrder::Interleaved {
+            return Err(SequenceConfigError::Jumps);
+        }
         Ok(())
     }
 }
@@ -110,7 +132,8 @@ pub struct Sequence {
     surface: AugmentedMaterial,
     path: CameraPath,
     lights: VideoLights,
-    sensor: Option<Stream>,
+    sensor: VideoSensor,
+    noise: Option<Stream>,
     noise_scale: f32,
 }
 
@@ -120,18 +143,20 @@ impl Sequence {
         let augmentation = Augmentation::draw(&material, &mut streams.rng("augmentation", video), &config.augment);
         let path = config.path.draw(&mut streams.rng("camera path", video));
         let lights = VideoLights::draw(&config.light, path.height, &mut streams.rng("light", video));
+        let noise = streams.child("sensor", video);
         Self {
             surface: AugmentedMaterial { material, augmentation },
             path,
             lights,
-            sensor: Some(streams.child("sensor", video)),
+            sensor: VideoSensor::draw(&config.sensor, &noise),
+            noise: Some(noise),
             noise_scale: config.noise_scale,
         }
     }
 
-    /// A video of given parts with a noiseless sensor: for measuring.
+    /// A video of given parts with a noiseless sensor without options: for measuring.
     pub fn from_parts(surface: AugmentedMaterial, path: CameraPath, lights: VideoLights) -> Self {
-        Self { surface, path, lights, sensor: None, noise_scale: 0.0 }
+        Self { surface, path, lights, sensor: VideoSensor::default(), noise: None, noise_scale: 0.0 }
     }
 
     /// Number of frames.
@@ -177,7 +202,7 @@ impl Sequence {
         &self.path.cameras[frame]
     }
 
-    /// A frame as the program reads it: noisy, clipped, gamma-encoded, 8 bit.
+    /// A frame as the program reads it: noisy, clipped, gamma-encoded, 8 bit, with the options of [`SensorConfig`].
     ///
     /// # Shapes
     /// 3 planes of `res × res`, multiples of 1/255.
@@ -185,24 +210,48 @@ impl Sequence {
         self.frame_crop(frame, res, 0, 0, res, res)
     }
 
-    /// The rectangle of [`Sequence::frame`] with the upper-left corner (row `y0`, column `x0`); nothing else is rendered.
+    /// The rectangle of [`Sequence::frame`] with the upper-left corner (row `y0`, column `x0`); nothing else is rendered
+    /// (under compression: nothing but the blocks that it touches).
     pub fn frame_crop(&self, frame: usize, res: usize, y0: usize, x0: usize, height: usize, width: usize) -> Planes {
-        let noise = self.noise(frame);
-        let light = self.radiance_crop(frame, res, [y0, x0], [height, width], |y, x| noise.at(y, x));
+        let Some(quality) = self.sensor.quality else {
+            return self.exposed(frame, res, [y0, x0], [height, width]);
+        };
+        let (top, left) = (y0 - y0 % BLOCK, x0 - x0 % BLOCK);
+        let end = |v: usize| v.next_multiple_of(BLOCK).min(res);
+        let blocks = self.exposed(frame, res, [top, left], [end(y0 + height) - top, end(x0 + width) - left]);
+        compressed(&blocks, quality).crop(y0 - top, x0 - left, height, width)
+    }
+
+    /// The linear light on the sensor, not clipped: no noise, no white balance.
+    pub fn radiance(&self, frame: usize, res: usize) -> Planes {
+        self.radiance_crop(frame, res, [0, 0], [res, res], |_, _, light| light)
+    }
+
+    /// A rectangle of a frame before compression.
+    fn exposed(&self, frame: usize, res: usize, corner: [usize; 2], size: [usize; 2]) -> Planes {
+        let (noise, balance) = (self.noise(frame), self.sensor.white_balance_gains(self.share(frame)));
+        let light = self.radiance_crop(frame, res, corner, size, |y, x, light| {
+            let noise = noise.at(y, x);
+            std::array::from_fn(|c| balance[c] * (light[c] + noise[c]))
+        });
         Sensor::noiseless().expose(&light)
     }
 
-    /// The linear radiance that a noiseless sensor would see, not clipped.
-    pub fn radiance(&self, frame: usize, res: usize) -> Planes {
-        self.radiance_crop(frame, res, [0, 0], [res, res], |_, _| [0.0; 3])
-    }
-
     fn noise(&self, frame: usize) -> PixelNoise {
-        self.sensor.map_or(PixelNoise::new(0.0, 0), |streams| {
+        self.noise.map_or(PixelNoise::new(0.0, 0), |streams| {
             let mut rng = streams.rng("frame", frame as u64);
             let Sensor { sigma, .. } = Sensor::draw(&mut rng);
             PixelNoise::new(self.noise_scale * sigma, rng.random())
         })
+    }
+
+    /// How much of the video has passed at a frame, 0 to 1.
+    fn share(&self, frame: usize) -> f64 {
+        frame as f64 / (self.len() - 1).max(1) as f64
+    }
+
+    fn geometry(&self, frame: usize, res: usize) -> FrameGeometry {
+        FrameGeometry::new(&self.path, frame, &self.sensor, res)
     }
 
     fn radiance_crop(
@@ -211,30 +260,62 @@ impl Sequence {
         res: usize,
         [y0, x0]: [usize; 2],
         [height, width]: [usize; 2],
-        noise: impl Fn(usize, usize) -> [f32; 3] + Sync,
+        read: impl Fn(usize, usize, [f32; 3]) -> [f32; 3] + Sync,
     ) -> Planes {
-        let camera = self.camera(frame);
-        let (view, lights, eye) = (View::new(camera, res), self.lights.at(camera), camera.eye());
+        let geometry = self.geometry(frame, res);
+        let delays = geometry.exposure_delays(self.sensor.shutter, self.sensor.sub_frames);
+        let rows = by_row(&geometry, [y0, height], |delay| {
+            delays.iter().map(|d| Instant::new(&geometry.camera(delay + d), res, &self.lights)).collect::<Vec<_>>()
+        });
+        let exposure = self.sensor.exposure_gain(self.share(frame)) / delays.len() as f32;
         rendered(height, width, |y, x| {
+            let instants = row(&rows, y);
             let (y, x) = (y + y0, x + x0);
-            let seen = view.at(x, y);
-            let texel = self.surface.sample(seen.tx, seen.ty, seen.footprint);
-            let light = radiance(&texel, [seen.x, seen.y, 0.0], eye, &lights, BrdfModel::default());
-            let noise = noise(y, x);
-            std::array::from_fn(|c| light[c] + noise[c])
+            let (u, v) = geometry.undistorted(x as f64, y as f64);
+            let mut sum = [0.0; 3];
+            for Instant { view, lights, eye } in instants {
+                let seen = view.at(u, v);
+                let texel = self.surface.sample(seen.tx, seen.ty, seen.footprint);
+                let light = radiance(&texel, [seen.x, seen.y, 0.0], *eye, lights, BrdfModel::default());
+                (0..3).for_each(|c| sum[c] += light[c]);
+            }
+            let gain = exposure * self.sensor.vignetting.gain(x, y, res);
+            read(y, x, sum.map(|light| gain * light))
         })
     }
 
-    /// The exact map from pixels of frame `target` to those of frame `source` that show the same point.
+    /// The map from pixels of frame `target` to those of frame `source` that show the same point, as pinhole cameras at the
+    /// middle of both frames see it. It is exact unless the lens bends lines or the shutter rolls ([`Sequence::warp`] always is).
     pub fn homography(&self, target: usize, source: usize, res: usize) -> Homography {
         Camera::between(self.camera(target), self.camera(source), res)
     }
 
+    /// The exact map from pixels of frame `target` to those of frame `source` that show the same point.
+    pub fn warp(&self, target: usize, source: usize, res: usize) -> FrameWarp {
+        let (target_geometry, source_geometry) = (self.geometry(target, res), self.geometry(source, res));
+        if target_geometry.is_pinhole() {
+            FrameWarp::Plane(self.homography(target, source, res))
+        } else {
+            FrameWarp::bent(target_geometry, source_geometry)
+        }
+    }
+
     /// The exact backward flow from frame `target` to frame `source`, and the pixels whose point is inside `source`.
     pub fn flow(&self, target: usize, source: usize, res: usize) -> (Planes, Mask) {
-        let map = self.homography(target, source, res);
-        (map.flow(res, res), map.valid(res, res, res, res))
+        self.warp(target, source, res).flow([res; 2], [res; 2])
     }
+}
+
+/// What depends on the time at which a row is read: one value per row from `first` on, or one for all under a global shutter.
+fn by_row<T>(geometry: &FrameGeometry, [first, count]: [usize; 2], at: impl Fn(f64) -> T) -> Vec<T> {
+    let count = if geometry.global_shutter() { 1 } else { count };
+    (first..first + count).map(|y| at(geometry.delay(y as f64))).collect()
+}
+
+/// The value of [`by_row`] for the row at an index.
+#[inline(always)]
+fn row<T>(rows: &[T], index: usize) -> &T {
+    &rows[index.min(rows.len() - 1)]
 }
 
 /// Fills 3 planes from a function of (row, column), rows in parallel.
@@ -249,6 +330,19 @@ pub(crate) fn rendered(height: usize, width: usize, pixel: impl Fn(usize, usize)
         }
     });
     image
+}
+
+/// A camera in its place, with its flash.
+struct Instant {
+    view: View,
+    lights: Vec<Light>,
+    eye: [f32; 3],
+}
+
+impl Instant {
+    fn new(camera: &Camera, res: usize, lights: &VideoLights) -> Self {
+        Self { view: View::new(camera, res), lights: lights.at(camera), eye: camera.eye() }
+    }
 }
 
 /// Where a camera's pixels lie on the material.
@@ -277,9 +371,8 @@ impl View {
     }
 
     #[inline(always)]
-    fn at(&self, x: usize, y: usize) -> Seen {
+    fn at(&self, x: f64, y: f64) -> Seen {
         const HALF: f64 = GRID as f64 / 2.0;
-        let (x, y) = (x as f64, y as f64);
         let row = |r: usize| self.matrix[r][0] * x + self.matrix[r][1] * y + self.matrix[r][2];
         // A pixel at or above the horizon shows a point very far away, in the mean colour of the coarsest level.
         let scale = 1.0 / row(2).max(1e-6);

@@ -5,18 +5,20 @@ use rayon::prelude::*;
 use render::svbrdf::SvbrdfImage;
 use render::texel::Texel;
 
-use super::{Sequence, View};
+use super::{Sequence, View, by_row, row};
 
 impl Sequence {
-    /// The maps that a frame sees, normals in the frame's axes (x right, y up, z to the camera).
+    /// The maps that a frame sees pixel by pixel, through its lens and shutter; normals in the frame's axes (x right, y up, z to
+    /// the camera) at its middle.
     pub fn target_maps(&self, frame: usize, res: usize) -> SvbrdfImage {
-        let camera = self.camera(frame);
-        let (view, rotation) = (View::new(camera, res), camera.normal_to_camera());
+        let (geometry, rotation) = (self.geometry(frame, res), self.camera(frame).normal_to_camera());
+        let views = by_row(&geometry, [0, res], |delay| View::new(&geometry.camera(delay), res));
         let texels: Vec<Texel> = (0..res * res)
             .into_par_iter()
             .with_min_len(res)
             .map(|i| {
-                let seen = view.at(i % res, i / res);
+                let (x, y) = geometry.undistorted((i % res) as f64, (i / res) as f64);
+                let seen = row(&views, i / res).at(x, y);
                 self.surface.sample(seen.tx, seen.ty, seen.footprint)
             })
             .collect();

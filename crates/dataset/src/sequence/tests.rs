@@ -34,6 +34,11 @@ pub(crate) fn sequence(config: &SequenceConfig, video: u64) -> Sequence {
     Sequence::new(material(), config, &Stream::new(5), video)
 }
 
+/// The same video taken by a sensor with the options of a text.
+pub(crate) fn with_sensor(video: Sequence, options: &str) -> Sequence {
+    Sequence { sensor: VideoSensor::draw(&toml::from_str(options).unwrap(), &Stream::new(5)), ..video }
+}
+
 /// Where the ray through a pixel meets z = 0, from the camera's axes alone.
 pub(crate) fn cast(camera: &Camera, x: f64, y: f64, res: usize) -> [f64; 2] {
     let focal = 0.5 * res as f64 / (camera.fov_rad / 2.0).tan();

@@ -1,0 +1,171 @@
+//! Where frames show the same point of the material: through pinholes, or through a lens and a rolling shutter.
+
+use ops::homography::Homography;
+use ops::planes::{Mask, Planes};
+use rayon::prelude::*;
+use render::camera::Camera;
+use render::lens::RadialDistortion;
+
+use super::sensor::VideoSensor;
+use crate::path::CameraPath;
+
+/// Steps of the search for the row that reads a point. Each divides the error by the frame's height over the pixels that
+/// the image moves while it is read: by ten or more for what a hand does.
+const ROW_STEPS: usize = 40;
+/// How well that row is known, in pixels.
+const ROW_ERROR: f64 = 1e-7;
+
+/// How the pixels of one frame lie on the material's plane: pinhole camera, lens, and the time at which each row is read.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct FrameGeometry {
+    /// The cameras one frame before, at, and one frame after this one.
+    around: [Camera; 3],
+    distortion: RadialDistortion,
+    readout: f64,
+    res: usize,
+}
+
+impl FrameGeometry {
+    pub fn new(path: &CameraPath, frame: usize, sensor: &VideoSensor, res: usize) -> Self {
+        Self { around: path.around(frame), distortion: sensor.distortion, readout: sensor.readout, res }
+    }
+
+    /// Whether all rows are read at once.
+    pub fn global_shutter(&self) -> bool {
+        self.readout == 0.0
+    }
+
+    /// Whether a homography describes it all.
+    pub fn is_pinhole(&self) -> bool {
+        self.global_shutter() && self.distortion.is_none()
+    }
+
+    /// The camera so many frames after the middle of this one, −1 to 1.
+    pub fn camera(&self, delay: f64) -> Camera {
+        let [before, at, after] = &self.around;
+        if delay < 0.0 { at.towards(before, -delay) } else { at.towards(after, delay) }
+    }
+
+    /// When a row is read, in frames after the middle of this one. The first row comes first; the middle of the image is read
+    /// at the middle of the frame.
+    pub fn delay(&self, y: f64) -> f64 {
+        let share = (y + 0.5) / self.res as f64;
+        self.readout * (share.clamp(0.0, 1.0) - 0.5)
+    }
+
+    /// Delays of the renderings that the blurred frame is the mean of: one per pixel of the fastest motion while the shutter
+    /// is open, at most `most`.
+    pub fn exposure_delays(&self, shutter: f64, most: usize) -> Vec<f64> {
+        let motion = Camera::between(&self.camera(-0.5 * shutter), &self.camera(0.5 * shutter), self.res);
+        let (last, centre) = (self.res as f64 - 1.0, (self.res as f64 - 1.0) / 2.0);
+        let fastest = [(0.0, 0.0), (last, 0.0), (0.0, last), (last, last), (centre, centre)]
+            .into_iter()
+            .filter_map(|(x, y)| motion.apply(x, y).map(|(u, v)| (u - x).hypot(v - y)))
+            .fold(0.0, f64::max);
+        let count = (fastest.ceil() as usize).min(most).max(1);
+        (0..count).map(|k| ((k as f64 + 0.5) / count as f64 - 0.5) * shutter).collect()
+    }
+
+    /// The pixel of a pinhole camera that shows what this frame shows at (x, y).
+    pub fn undistorted(&self, x: f64, y: f64) -> (f64, f64) {
+        self.distortion.undistort(&self.around[1], (x, y), self.res)
+    }
+
+    fn to_world(&self, x: f64, y: f64) -> Option<(f64, f64)> {
+        let (u, v) = self.undistorted(x, y);
+        self.camera(self.delay(y)).pixel_to_world(self.res).apply(u, v)
+    }
+
+    /// The pixel that shows a world point: that whose row is read while the camera sees the point in that row.
+    fn to_pixel(&self, x: f64, y: f64) -> Option<(f64, f64)> {
+        let mut row = (self.res as f64 - 1.0) / 2.0;
+        for _ in 0..ROW_STEPS {
+            let camera = self.camera(self.delay(row));
+            let ideal = camera.world_to_pixel(self.res).apply(x, y)?;
+            let seen = self.distortion.distort(&camera, ideal, self.res);
+            if (seen.1 - row).abs() < ROW_ERROR || self.global_shutter() {
+                return Some(seen);
+            }
+            row = seen.1;
+        }
+        None
+    }
+}
+
+/// Maps a **target** pixel to the **source** pixel that shows the same point of the material.
+#[derive(Clone, Debug, PartialEq)]
+pub enum FrameWarp {
+    /// Between pinhole cameras.
+    Plane(Homography),
+    /// Between frames of a lens that bends lines, or whose rows are read one after the other.
+    Bent(Box<BentWarp>),
+}
+
+/// A [`FrameWarp`] that no homography describes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BentWarp {
+    /// Target pixel to pixel of the frame `target`.
+    to_target: Homography,
+    target: FrameGeometry,
+    source: FrameGeometry,
+    /// Pixel of the frame `source` to source pixel.
+    from_source: Homography,
+}
+
+impl FrameWarp {
+    pub(super) fn bent(target: FrameGeometry, source: FrameGeometry) -> Self {
+        let (to_target, from_source) = (Homography::identity(), Homography::identity());
+        Self::Bent(Box::new(BentWarp { to_target, target, source, from_source }))
+    }
+
+    /// The same map between parts or mirror images of the frames: `to_target` leads from a pixel of the new target to the
+    /// present one's, `from_source` from the present source's to the new one's.
+    pub fn within(self, to_target: &Homography, from_source: &Homography) -> Self {
+        match self {
+            Self::Plane(map) => Self::Plane(from_source.after(&map).after(to_target)),
+            Self::Bent(mut warp) => {
+                warp.to_target = warp.to_target.after(to_target);
+                warp.from_source = from_source.after(&warp.from_source);
+                Self::Bent(warp)
+            }
+        }
+    }
+
+    /// The source position of target position (x, y); `None` where there is none.
+    pub fn apply(&self, x: f64, y: f64) -> Option<(f64, f64)> {
+        match self {
+            Self::Plane(map) => map.apply(x, y),
+            Self::Bent(warp) => {
+                let (x, y) = warp.to_target.apply(x, y)?;
+                let (x, y) = warp.target.to_world(x, y)?;
+                let (x, y) = warp.source.to_pixel(x, y)?;
+                warp.from_source.apply(x, y)
+            }
+        }
+    }
+
+    /// The dense backward flow of a target of [height, width] pixels, and the pixels whose point is inside a source of such a
+    /// size.
+    ///
+    /// # Shapes
+    /// 2 planes (x, y) in pixels, NaN where there is no source position, and a mask.
+    pub fn flow(&self, [height, width]: [usize; 2], [source_height, source_width]: [usize; 2]) -> (Planes, Mask) {
+        if let Self::Plane(map) = self {
+            return (map.flow(height, width), map.valid(height, width, source_height, source_width));
+        }
+        let (right, bottom) = ((source_width - 1) as f64, (source_height - 1) as f64);
+        let labels: Vec<([f32; 2], bool)> = (0..height * width)
+            .into_par_iter()
+            .with_min_len(width)
+            .map(|i| {
+                let (x, y) = ((i % width) as f64, (i / width) as f64);
+                let (u, v) = self.apply(x, y).unwrap_or((f64::NAN, f64::NAN));
+                let inside = (0.0..=right).contains(&u) && (0.0..=bottom).contains(&v);
+                ([(u - x) as f32, (v - y) as f32], inside)
+            })
+            .collect();
+        let flow = (0..2).flat_map(|c| labels.iter().map(move |label| label.0[c])).collect();
+        let valid = Mask { height, width, data: labels.iter().map(|label| label.1).collect() };
+        (Planes::from_vec(2, height, width, flow), valid)
+    }
+}
