@@ -47,6 +47,26 @@ fn a_table_given_in_part_keeps_the_programs_defaults() {
 }
 
 #[test]
+fn sensor_options_are_tables_of_the_videos() {
+    let home = tempfile::tempdir().unwrap();
+    let load = |text: &str| {
+        let path = home.path().join("sensor.toml");
+        std::fs::write(&path, format!("[svbrdf]\nsteps = 1\n{text}")).unwrap();
+        Config::load(path.to_str().unwrap(), &[])
+    };
+    let config = load("[svbrdf.videos.sensor]\nmotion_blur = { sub_frames = 4 }\nvignetting = {}\n").unwrap();
+    let sensor = &config.svbrdf.videos.sensor;
+    assert_eq!(sensor.motion_blur.map(|blur| (blur.shutter, blur.sub_frames)), Some(([0.1, 0.5], 4)));
+    assert!(sensor.vignetting.is_some() && sensor.compression.is_none());
+    assert_eq!(config.adjacent.videos.sensor, Default::default());
+    assert_eq!(toml::from_str::<Config>(&config.to_toml()).unwrap(), config);
+    let text = load("[svbrdf.videos.sensor]\ncompression = { quality = [0, 50] }\n").unwrap_err().to_string();
+    assert!(text.contains("sensor.compression.quality is [0, 50]") && text.contains("sensor.toml"), "{text}");
+    let text = load("[svbrdf.videos.sensor]\nvigneting = {}\n").unwrap_err().to_string();
+    assert!(text.contains("vigneting") && text.contains("vignetting"), "{text}");
+}
+
+#[test]
 fn assignments_lie_on_top_and_take_plain_words() {
     let set = ["run.seed=7", "flow.init=none", "adjacent.optimisation.schedule=constant", "svbrdf.exemplars.key_frames=[1, 3]"];
     let config = Config::load("spiral", &set.map(String::from)).unwrap();
