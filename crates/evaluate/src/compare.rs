@@ -11,6 +11,12 @@ use svbrdf::metrics::{MapErrors, RenderErrors};
 
 use crate::EvaluateError;
 
+/// Maps of a scan and the true ones, of one size.
+pub struct ScannedMaps {
+    maps: SvbrdfImage,
+    truth: SvbrdfImage,
+}
+
 /// Errors of one set of maps and of constant maps against the same truth.
 pub struct Comparison {
     /// The maps' errors.
@@ -19,26 +25,31 @@ pub struct Comparison {
     pub constant: (MapErrors, RenderErrors),
 }
 
-/// Compares the maps that `scan` wrote with a truth and with constant maps.
-///
-/// # Errors
-/// If either folder lacks a map, or their sizes differ.
-pub fn compare(maps: &Path, truth: &Path, constants: &ConstantMaps) -> Result<Comparison, EvaluateError> {
-    let (found, truth_maps) = (read_exr(maps)?, read_exr(truth)?);
-    let (height, width) = (truth_maps.height(), truth_maps.width());
-    let views = EvaluationViews::standard();
-    let errors = |maps: &SvbrdfImage| {
-        let render = RenderErrors::between(maps, &truth_maps, &views, BrdfModel::default());
-        MapErrors::between(maps, &truth_maps, None).zip(render)
-    };
-    let sizes = || EvaluateError::Sizes {
-        maps: format!("{} ({}×{})", maps.display(), found.height(), found.width()),
-        truth: format!("{} ({height}×{width})", truth.display()),
-    };
-    Ok(Comparison {
-        found: errors(&found).ok_or_else(sizes)?,
-        constant: errors(&constants.to_image(height, width)).ok_or_else(sizes)?,
-    })
+impl ScannedMaps {
+    /// Reads the maps that `scan` wrote and the truth.
+    ///
+    /// # Errors
+    /// If either folder lacks a map, or their sizes differ.
+    pub fn read(maps_folder: &Path, truth_folder: &Path) -> Result<Self, EvaluateError> {
+        let (maps, truth) = (read_exr(maps_folder)?, read_exr(truth_folder)?);
+        let size = |maps: &SvbrdfImage| (maps.height(), maps.width());
+        if size(&maps) != size(&truth) {
+            let name = |folder: &Path, (height, width)| format!("{} ({height}×{width})", folder.display());
+            return Err(EvaluateError::Sizes { maps: name(maps_folder, size(&maps)), truth: name(truth_folder, size(&truth)) });
+        }
+        Ok(Self { maps, truth })
+    }
+
+    /// Their errors beside those of constant maps.
+    pub fn compare(&self, constants: &ConstantMaps) -> Comparison {
+        let views = EvaluationViews::standard();
+        let errors = |maps: &SvbrdfImage| {
+            let render = RenderErrors::between(maps, &self.truth, &views, BrdfModel::default());
+            MapErrors::between(maps, &self.truth, None).zip(render).expect("the sizes are equal and an image has pixels")
+        };
+        let constant = constants.to_image(self.truth.height(), self.truth.width());
+        Comparison { found: errors(&self.maps), constant: errors(&constant) }
+    }
 }
 
 impl Comparison {
@@ -89,7 +100,7 @@ mod tests {
     #[test]
     fn errors_stand_beside_those_of_constant_maps() {
         let (maps, truth) = (folder(16, 0.5), folder(16, 0.6));
-        let comparison = compare(maps.path(), truth.path(), &constants()).unwrap();
+        let comparison = ScannedMaps::read(maps.path(), truth.path()).unwrap().compare(&constants());
         let figures = comparison.figures();
         let figure = |name: &str| figures.iter().find(|f| f.0 == name).map(|f| (f.1, f.2)).unwrap();
         let near = |a: (f64, f64), b: (f64, f64)| (a.0 - b.0).abs() < 1e-6 && (a.1 - b.1).abs() < 1e-6;
@@ -101,7 +112,7 @@ mod tests {
 
     #[test]
     fn maps_of_another_size_are_refused() {
-        let error = compare(folder(16, 0.5).path(), folder(32, 0.5).path(), &constants()).err().unwrap().to_string();
+        let error = ScannedMaps::read(folder(16, 0.5).path(), folder(32, 0.5).path()).err().unwrap().to_string();
         assert!(error.contains("16×16") && error.contains("32×32") && error.contains("--resolution"), "{error}");
     }
 }

@@ -3,6 +3,9 @@
 use crate::case::{Case, Needs, Place, check};
 use crate::input::detail;
 use dataset::image_io::{Overwrite, write_png8};
+use render::svbrdf::SvbrdfImage;
+use render::texel::Texel;
+use scan::export::maps::write_truth;
 
 const fn case(
     name: &'static str,
@@ -99,6 +102,42 @@ fn outputs_that_cannot_be_written() {
             &["holds results already", "--force"],
         ),
         case("an output below a file", |p| p.file("note", "x"), "synthetic --out note/out --weights WEIGHTS", 1, &["note/out"]),
+    ];
+    check("evaluate", &cases);
+}
+
+fn truth(place: &Place, folder: &str, side: usize) {
+    place.empty_folder(folder);
+    let texel = Texel { normal: [0.0, 0.0, 1.0], diffuse: [0.2; 3], roughness: 0.5, specular: [0.04; 3] };
+    write_truth(&place.path(folder), &SvbrdfImage::constant(side, side, &texel)).unwrap();
+}
+
+#[test]
+fn maps_that_cannot_be_compared() {
+    const LINE: &str = "maps out --truth truth";
+    let cases = [
+        case("no truth", nothing, "maps out", 2, &["--truth"]),
+        case("no maps", |p| truth(p, "truth", 8), LINE, 1, &["out/NormalGL.exr"]),
+        case(
+            "a truth without roughness",
+            |p| {
+                ["out", "truth"].iter().for_each(|f| truth(p, f, 8));
+                std::fs::remove_file(p.path("truth/Roughness.exr")).unwrap();
+            },
+            LINE,
+            1,
+            &["truth/Roughness.exr"],
+        ),
+        case(
+            "maps of another size",
+            |p| {
+                truth(p, "out", 8);
+                truth(p, "truth", 16);
+            },
+            LINE,
+            1,
+            &["out (8×8)", "truth (16×16)", "--resolution"],
+        ),
     ];
     check("evaluate", &cases);
 }
