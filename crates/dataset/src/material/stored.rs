@@ -86,6 +86,22 @@ pub struct MaterialInfo {
     pub texels: usize,
 }
 
+#[cfg(test)]
+impl MaterialInfo {
+    /// What tests know of a material that they make up.
+    pub(crate) fn of_test(wrap: Wrap) -> Self {
+        Self {
+            name: "test".into(),
+            identity: "test".into(),
+            source: "test".into(),
+            licence: "none".into(),
+            textured: Some(true),
+            wrap,
+            texels: GRID,
+        }
+    }
+}
+
 /// Bits per stored number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Precision {

@@ -67,15 +67,7 @@ mod tests {
     use crate::material::{MaterialInfo, Precision, Wrap};
 
     fn material(texel: impl Fn(usize, usize) -> Texel + Sync) -> Material {
-        let info = MaterialInfo {
-            name: "test".into(),
-            identity: "test".into(),
-            source: "test".into(),
-            licence: "none".into(),
-            textured: None,
-            wrap: Wrap::Repeat,
-            texels: 4096,
-        };
+        let info = MaterialInfo { textured: None, ..MaterialInfo::of_test(Wrap::Repeat) };
         Material::build(info, 128, 128, Precision::Eight, texel).unwrap()
     }
 

@@ -3,15 +3,6 @@ use crate::material::{MaterialInfo, Precision, Wrap};
 use crate::stream::Stream;
 
 fn material(specular: f32, wrap: Wrap) -> Arc<Material> {
-    let info = MaterialInfo {
-        name: "test".into(),
-        identity: "test".into(),
-        source: "test".into(),
-        licence: "none".into(),
-        textured: Some(true),
-        wrap,
-        texels: GRID,
-    };
     let texel = |x: usize, y: usize| {
         let h = |k: usize| ((x * 31 + y * 57 + k * 97) * 7919 % 101) as f32 / 101.0;
         let (nx, ny) = (0.6 * h(0) - 0.3, 0.6 * h(1) - 0.3);
@@ -22,7 +13,7 @@ fn material(specular: f32, wrap: Wrap) -> Arc<Material> {
             specular: [specular * h(6), specular * h(7), specular * h(8)],
         }
     };
-    Arc::new(Material::build(info, 33, 20, Precision::Sixteen, texel).unwrap())
+    Arc::new(Material::build(MaterialInfo::of_test(wrap), 33, 20, Precision::Sixteen, texel).unwrap())
 }
 
 /// Grid position of a world position, the contract of the whole workspace.

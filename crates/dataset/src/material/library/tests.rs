@@ -91,7 +91,8 @@ fn strips_and_arrays_are_drawn_by_weight_and_recorded() {
     let source = &line("array-7").source;
     assert!(source.starts_with("npy ") && source.ends_with("array-7.npy"), "{source}");
 
-    for index in 0..library.len(Split::Train) {
+    let count = library.len(Split::Train);
+    for index in 0..count {
         let material = library.nth(Split::Train, index).unwrap();
         let line = line(material.name());
         assert_eq!((&material.info().identity, &material.info().licence), (&line.identity, &line.licence));

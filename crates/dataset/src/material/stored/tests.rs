@@ -1,18 +1,6 @@
 use super::*;
 use crate::material::Wrap;
 
-fn info(wrap: Wrap) -> MaterialInfo {
-    MaterialInfo {
-        name: "test".into(),
-        identity: "test".into(),
-        source: "test".into(),
-        licence: "none".into(),
-        textured: Some(true),
-        wrap,
-        texels: GRID,
-    }
-}
-
 /// Varied but smooth-free texels: neighbours differ in every channel.
 fn texel(x: usize, y: usize) -> Texel {
     let h = |k: usize| ((x * 31 + y * 57 + k * 97) * 7919 % 101) as f32 / 101.0;
@@ -22,7 +10,7 @@ fn texel(x: usize, y: usize) -> Texel {
 }
 
 fn material(width: usize, height: usize, wrap: Wrap, precision: Precision) -> Material {
-    Material::build(info(wrap), width, height, precision, texel).unwrap()
+    Material::build(MaterialInfo::of_test(wrap), width, height, precision, texel).unwrap()
 }
 
 fn values(t: Texel) -> [f32; 10] {
@@ -113,7 +101,7 @@ fn sampling_is_continuous_in_the_footprint() {
 
 #[test]
 fn a_denser_material_shows_more_texels_over_the_same_ground() {
-    let mut dense = info(Wrap::Repeat);
+    let mut dense = MaterialInfo::of_test(Wrap::Repeat);
     dense.texels = 2 * GRID;
     let stored = Material::build(dense, 16, 16, Precision::Sixteen, texel).unwrap();
     // Texels 0 and 1 of the tile lie under texel 0 of the grid, their common edge at its centre.
@@ -138,8 +126,14 @@ fn a_4096_material_fits_the_budget() {
 #[test]
 fn bad_texels_are_refused_and_bad_places_survived() {
     let nan = |x: usize, y: usize| Texel { roughness: if (x, y) == (3, 2) { f32::NAN } else { 0.5 }, ..texel(x, y) };
-    assert!(matches!(Material::build(info(Wrap::Repeat), 4, 4, Precision::Eight, nan), Err(MaterialError::NonFinite { .. })));
-    assert!(matches!(Material::build(info(Wrap::Repeat), 0, 4, Precision::Eight, texel), Err(MaterialError::Size { .. })));
+    assert!(matches!(
+        Material::build(MaterialInfo::of_test(Wrap::Repeat), 4, 4, Precision::Eight, nan),
+        Err(MaterialError::NonFinite { .. })
+    ));
+    assert!(matches!(
+        Material::build(MaterialInfo::of_test(Wrap::Repeat), 0, 4, Precision::Eight, texel),
+        Err(MaterialError::Size { .. })
+    ));
     let stored = material(4, 4, Wrap::Mirror, Precision::Eight);
     for place in [f32::NAN, f32::INFINITY, -f32::INFINITY, 1e30, -1e30] {
         for footprint in [1.0, f32::NAN, f32::INFINITY, -1.0, 1e30] {
