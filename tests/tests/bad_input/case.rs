@@ -37,6 +37,20 @@ pub struct Place<'a> {
     pub weights: &'a Path,
 }
 
+/// A case that needs nothing from the machine.
+pub const fn case(
+    name: &'static str,
+    input: fn(&Place),
+    arguments: &'static str,
+    code: i32,
+    says: &'static [&'static str],
+) -> Case {
+    Case { name, needs: Needs::Nothing, input, arguments, code, says }
+}
+
+/// An empty folder as input.
+pub fn nothing(_: &Place) {}
+
 /// Runs all cases of a program and fails with everything that went wrong.
 pub fn check(program: &str, cases: &[Case]) {
     let weights = tempfile::tempdir().unwrap();

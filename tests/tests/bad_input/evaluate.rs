@@ -1,23 +1,11 @@
 //! Bad input of `evaluate`.
 
-use crate::case::{Case, Needs, Place, check};
+use crate::case::{Place, case, check, nothing};
 use crate::input::detail;
 use dataset::image_io::{Overwrite, write_png8};
 use render::svbrdf::SvbrdfImage;
 use render::texel::Texel;
 use scan::export::maps::write_truth;
-
-const fn case(
-    name: &'static str,
-    input: fn(&Place),
-    arguments: &'static str,
-    code: i32,
-    says: &'static [&'static str],
-) -> Case {
-    Case { name, needs: Needs::Nothing, input, arguments, code, says }
-}
-
-fn nothing(_: &Place) {}
 
 fn map(place: &Place, name: &str) {
     place.empty_folder("materials/brick");

@@ -1,19 +1,7 @@
 //! Bad input of `scan`.
 
-use crate::case::{Case, Needs, Place, check};
+use crate::case::{Case, Needs, Place, case, check, nothing};
 use crate::input::{SIDE, detail, grey};
-
-const fn case(
-    name: &'static str,
-    input: fn(&Place),
-    arguments: &'static str,
-    code: i32,
-    says: &'static [&'static str],
-) -> Case {
-    Case { name, needs: Needs::Nothing, input, arguments, code, says }
-}
-
-fn nothing(_: &Place) {}
 
 fn two_frames(place: &Place) {
     place.clip(&[detail(1), detail(2)]);
