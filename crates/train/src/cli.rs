@@ -95,7 +95,7 @@ fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     check_start(&config)?;
     let device = device::open(&arguments.device).map_err(|error| Failure::Usage(error.to_string()))?;
     // Before the folder: a wrong path to the materials leaves nothing behind.
-    let library = pipeline::open_library(&config).map_err(|error| Failure::Usage(error.to_string()))?;
+    let materials = pipeline::open_library(&config).map_err(|error| Failure::Usage(error.to_string()))?;
     let folder = match &arguments.resume {
         Some(run) => RunFolder::open(run)?,
         None => RunFolder::create(
@@ -105,13 +105,13 @@ fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     };
     if arguments.resume.is_none() {
         describe_run(&folder, &config, arguments)?;
-        folder.write("materials.json", &pretty(&library.manifest()).map_err(RunError::Io)?)?;
+        folder.write("materials.json", &pretty(&materials.manifest()).map_err(RunError::Io)?)?;
     }
     interrupt::install().map_err(|error| Failure::Usage(format!("cannot listen for Ctrl-C: {error}")))?;
     let stop = |_| interrupt::requested();
     let checkpoint = arguments.checkpoint.clone();
     let revision = crate::process::revision();
-    let mut pipeline = Pipeline { config: &config, folder: &folder, device, library, revision, checkpoint, stop: &stop };
+    let mut pipeline = Pipeline { config: &config, folder: &folder, device, materials, revision, checkpoint, stop: &stop };
     match pipeline.run()? {
         Ending::Done => {
             eprintln!("done: {}", folder.path().display());

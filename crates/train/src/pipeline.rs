@@ -82,7 +82,7 @@ pub struct Pipeline<'a> {
     /// The device, without gradients.
     pub device: Device,
     /// All materials.
-    pub library: Arc<MaterialLibrary>,
+    pub materials: Arc<MaterialLibrary>,
     /// Revision of the source tree when the process started: files may change while it runs.
     pub revision: Option<String>,
     /// A checkpoint that a person chose instead of the newest.
@@ -119,7 +119,7 @@ impl Pipeline<'_> {
     /// # Errors
     /// See [`RunError`]; what is written by then stays whole and can be resumed.
     pub fn run(&mut self) -> Result<Ending, RunError> {
-        let plan = Plan { config: self.config, library: Arc::clone(&self.library), weights: self.folder.weights() };
+        let plan = Plan { config: self.config, materials: Arc::clone(&self.materials), weights: self.folder.weights() };
         let mut finished = Finished::read(self.folder)?;
         let mut recorder: Vec<Box<dyn Recorder>> = vec![
             Box::new(Metrics::open(&self.folder.metrics())?),
@@ -153,7 +153,7 @@ impl Pipeline<'_> {
             }
         }
         let began = Instant::now();
-        let figures = match report::evaluate_nets(self.folder, self.config, &self.library, &self.device, self.stop) {
+        let figures = match report::evaluate_nets(self.folder, self.config, &self.materials, &self.device, self.stop) {
             Err(RunError::Evaluate(EvaluateError::Stopped)) => return Ok(Ending::Stopped { stage: "report", step: 0 }),
             figures => figures?,
         };
@@ -216,7 +216,7 @@ impl Pipeline<'_> {
 
     /// How a net was trained, for the manifest of its weights.
     fn training(&self, stage: &impl Stage) -> String {
-        let sources = self.library.manifest().len();
+        let sources = self.materials.manifest().len();
         format!(
             "stage {} of run {}: {} steps of {} exemplars, seed {}, {sources} materials (materials.json), revision {}",
             stage.name(),

@@ -23,7 +23,7 @@ pub struct Plan<'a> {
     /// The config.
     pub config: &'a Config,
     /// All materials.
-    pub library: Arc<MaterialLibrary>,
+    pub materials: Arc<MaterialLibrary>,
     /// The run's weights folder, where earlier stages left their nets.
     pub weights: PathBuf,
 }
@@ -47,12 +47,12 @@ impl Plan<'_> {
             let chairs = Chairs::new(table.pairs.clone(), streams).map_err(StageError::from_error)?;
             let rendered = self.pairs(CHAIRS, split, &self.config.adjacent, cut.clone(), neighbours);
             let share = if split == Split::Train { table.rendered_share } else { 0.0 };
-            let library = Arc::clone(&self.library);
+            let materials = Arc::clone(&self.materials);
             Ok(Arc::new(move |index| {
                 if streams.rng("rendered", index).random_bool(share) {
                     return rendered(index);
                 }
-                chairs.pair(index, |number| library.material(split, number)).map_err(|error| error.to_string())
+                chairs.pair(index, |number| materials.material(split, number)).map_err(|error| error.to_string())
             }))
         };
         Ok(FlowStage {
@@ -103,7 +103,7 @@ impl Plan<'_> {
     fn pairs(&self, name: &str, split: Split, table: &PairStage, config: PairConfig, draw: DrawPair) -> MakePair {
         let streams = self.streams(name, split);
         let videos = Videos {
-            library: Arc::clone(&self.library),
+            materials: Arc::clone(&self.materials),
             split,
             config: table.videos.clone(),
             streams,
@@ -121,7 +121,7 @@ impl Plan<'_> {
         if split == Split::Test {
             config.augment = AugmentConfig::none();
         }
-        Videos { library: Arc::clone(&self.library), split, config, streams, mixed }
+        Videos { materials: Arc::clone(&self.materials), split, config, streams, mixed }
     }
 
     /// Maps from frames.

@@ -11,7 +11,7 @@ use std::sync::Arc;
 #[derive(Clone)]
 pub struct Videos {
     /// Where materials come from.
-    pub library: Arc<MaterialLibrary>,
+    pub materials: Arc<MaterialLibrary>,
     /// Training or test.
     pub split: Split,
     /// What videos look like.
@@ -28,7 +28,7 @@ impl Videos {
     /// # Errors
     /// A material that can't be had.
     pub fn video(&self, number: u64) -> Result<Sequence, String> {
-        let material = self.library.material(self.split, number).map_err(|error| error.to_string())?;
+        let material = self.materials.material(self.split, number).map_err(|error| error.to_string())?;
         Ok(Sequence::new(material, &self.config, &self.streams, number))
     }
 
