@@ -28,29 +28,7 @@ struct Arguments {
 enum Protocol {
     /// Spiral scans of held-out materials: adjacent flow, automatic alignment and maps beside identity alignment, exact warps
     /// and constant maps. Writes summary.json, table.csv, table.md and a contact sheet per material.
-    Synthetic {
-        /// Folder with adjacent, distant and svbrdf weights and their manifest.json.
-        #[arg(long, default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../../weights"))]
-        weights: PathBuf,
-        /// Folder of PBR material folders, or `procedural`.
-        #[arg(long, default_value = "procedural")]
-        materials: String,
-        /// Folder for the results; it is made if it doesn't exist.
-        #[arg(long)]
-        out: PathBuf,
-        /// Replace results that are there already.
-        #[arg(long)]
-        force: bool,
-        /// A setting of the protocol, e.g. `--set textured=20 --set align.key_frame_step=10`.
-        #[arg(long = "set", value_name = "KEY=VALUE")]
-        settings: Vec<String>,
-        /// Print the resolved settings and stop.
-        #[arg(long)]
-        dry_run: bool,
-        /// Where the nets run; this build has `cpu`.
-        #[arg(long, default_value = "cpu")]
-        device: String,
-    },
+    Synthetic(Synthetic),
     /// The maps of one scan against the truth, beside constant maps. Prints a table.
     Maps {
         /// Folder that `scan` wrote.
@@ -62,6 +40,31 @@ enum Protocol {
         #[arg(long, default_value = "procedural")]
         materials: String,
     },
+}
+
+#[derive(clap::Args)]
+struct Synthetic {
+    /// Folder with adjacent, distant and svbrdf weights and their manifest.json.
+    #[arg(long, default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../../weights"))]
+    weights: PathBuf,
+    /// Folder of PBR material folders, or `procedural`.
+    #[arg(long, default_value = "procedural")]
+    materials: String,
+    /// Folder for the results; it is made if it doesn't exist.
+    #[arg(long)]
+    out: PathBuf,
+    /// Replace results that are there already.
+    #[arg(long)]
+    force: bool,
+    /// A setting of the protocol, e.g. `--set textured=20 --set align.key_frame_step=10`.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    settings: Vec<String>,
+    /// Print the resolved settings and stop.
+    #[arg(long)]
+    dry_run: bool,
+    /// Where the nets run; this build has `cpu`.
+    #[arg(long, default_value = "cpu")]
+    device: String,
 }
 
 fn main() -> ExitCode {
@@ -90,12 +93,14 @@ fn report(error: &anyhow::Error, code: u8) -> ExitCode {
 }
 
 fn run(Arguments { protocol }: Arguments) -> Result<(), Failure> {
-    let (weights, materials, out, force, settings, dry_run, device) = match protocol {
-        Protocol::Maps { maps, truth, materials } => return compare(&maps, &truth, &materials),
-        Protocol::Synthetic { weights, materials, out, force, settings, dry_run, device } => {
-            (weights, materials, out, force, settings, dry_run, device)
-        }
-    };
+    match protocol {
+        Protocol::Synthetic(arguments) => synthetic_protocol(arguments),
+        Protocol::Maps { maps, truth, materials } => compare(&maps, &truth, &materials),
+    }
+}
+
+fn synthetic_protocol(arguments: Synthetic) -> Result<(), Failure> {
+    let Synthetic { weights, materials, out, force, settings, dry_run, device } = arguments;
     let config = settings_of(&settings).map_err(Failure::Usage)?;
     if device != "cpu" {
         let error = anyhow::anyhow!("--device {device}: this build has cpu only; train and evaluate run there");

@@ -14,7 +14,8 @@ use crate::EvaluateError;
 /// If a material can't be loaded, or the test side is empty.
 pub fn held_out(library: &MaterialLibrary, textured: usize, low_texture: usize) -> Result<Vec<Arc<Material>>, EvaluateError> {
     let (mut chosen, mut left) = (Vec::new(), [low_texture, textured]);
-    for index in 0..library.len(Split::Test) {
+    let count = library.len(Split::Test);
+    for index in 0..count {
         if left == [0, 0] {
             break;
         }
