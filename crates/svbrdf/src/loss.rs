@@ -6,6 +6,8 @@ use render::svbrdf::Svbrdf;
 use render::views::LossViews;
 use serde::{Deserialize, Serialize};
 
+use crate::net::Prediction;
+
 /// Added to albedos under the logarithm (spec 4.2).
 const ALBEDO_FLOOR: f32 = 0.01;
 /// Share of the diffuse and specular renderings among all, for [`LossKind::SingleMean`]: 9 of 15.
@@ -32,7 +34,7 @@ pub struct LossWeights {
     pub rendering: f32,
     /// L_t, renderings from the top.
     pub top: f32,
-    /// Logits in tanh's flat ends ([`Prediction::excess`](crate::net::Prediction::excess)); 0 in the paper. Small budgets with
+    /// Logits in tanh's flat ends ([`Prediction::excess`]); 0 in the paper. Small budgets with
     /// high learning rates need it: outputs that tipped over have no other gradient.
     pub excess: f32,
 }
@@ -70,23 +72,32 @@ pub struct SvbrdfLoss {
     pub rendering: Tensor<1>,
     /// L_t.
     pub top: Tensor<1>,
+    /// Mean square of the logits' part in tanh's flat ends.
+    pub excess: Tensor<1>,
     /// What is minimised.
     pub total: Tensor<1>,
 }
 
 impl LossConfig {
-    /// The loss of maps against their target, rendered from `views`.
-    pub fn evaluate(&self, predicted: &Svbrdf, target: &Svbrdf, views: &LossViews, model: BrdfModel) -> SvbrdfLoss {
+    /// The loss of a prediction against its target, rendered from `views`.
+    pub fn evaluate(&self, prediction: &Prediction, target: &Svbrdf, views: &LossViews, model: BrdfModel) -> SvbrdfLoss {
+        let predicted = &prediction.maps;
         // The fused route runs on the CPU; other devices keep their maps where they are.
         let renderings = if ops::kernel::available(&predicted.roughness) {
             render::fused::rendering_losses(predicted, target, views, model)
         } else {
             render::loss::rendering_losses(predicted, target, views, model)
         };
-        self.combine(predicted, target, renderings.rendering, renderings.top)
+        let loss = self.combine(predicted, target, renderings.rendering, renderings.top);
+        let excess = prediction.excess();
+        let total = match self.weights.excess {
+            weight if weight > 0.0 => loss.total + excess.clone() * weight,
+            _ => loss.total,
+        };
+        SvbrdfLoss { excess, total, ..loss }
     }
 
-    /// Joins the map terms with the renderings' errors.
+    /// Joins the map terms with the renderings' errors, without any excess.
     ///
     /// `rendering` and `top` are L_r and L_t, one element each.
     pub fn combine(&self, predicted: &Svbrdf, target: &Svbrdf, rendering: Tensor<1>, top: Tensor<1>) -> SvbrdfLoss {
@@ -101,7 +112,8 @@ impl LossConfig {
             LossKind::SingleMean => (rendering.clone() * RENDERING_SHARE + top.clone() * (1.0 - RENDERING_SHARE)) * w_rendering,
         };
         let total = maps.clone() * w_maps + renderings;
-        SvbrdfLoss { normal, diffuse, roughness, specular, maps, rendering, top, total }
+        let excess = Tensor::zeros_like(&total);
+        SvbrdfLoss { normal, diffuse, roughness, specular, maps, rendering, top, excess, total }
     }
 }
 
@@ -123,6 +135,8 @@ pub struct SvbrdfLossValues {
     /// See [`SvbrdfLoss`].
     pub top: f32,
     /// See [`SvbrdfLoss`].
+    pub excess: f32,
+    /// See [`SvbrdfLoss`].
     pub total: f32,
 }
 
@@ -138,6 +152,7 @@ impl SvbrdfLoss {
             maps: v(&self.maps),
             rendering: v(&self.rendering),
             top: v(&self.top),
+            excess: v(&self.excess),
             total: v(&self.total),
         }
     }

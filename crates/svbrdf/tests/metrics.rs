@@ -9,8 +9,9 @@ use render::svbrdf::{Svbrdf, SvbrdfImage};
 use render::views::{EvaluationViews, LossViews};
 use serde::Deserialize;
 use svbrdf::constants::ConstantMaps;
-use svbrdf::loss::{LossConfig, LossKind};
+use svbrdf::loss::{LossConfig, LossKind, LossWeights};
 use svbrdf::metrics::{MapErrors, RenderErrors, ssim, ssim::dssim};
+use svbrdf::net::Prediction;
 use svbrdf::visual::preview;
 
 #[derive(Deserialize)]
@@ -173,10 +174,20 @@ fn a_prediction_equal_to_its_target_has_no_loss() {
     let device = Device::flex();
     let target = constant(6, 6, 0.4).to_tensor(&device);
     let views = LossViews::draw(&mut ChaCha8Rng::seed_from_u64(4));
-    let loss = LossConfig::default().evaluate(&target, &target, &views, BrdfModel::default()).values();
+    let prediction = |albedo: f32, logit: f32| Prediction {
+        maps: constant(6, 6, albedo).to_tensor(&device),
+        logits: Tensor::full([1, 9, 6, 6], logit, &device),
+    };
+    let evaluate =
+        |config: LossConfig, prediction| config.evaluate(&prediction, &target, &views, BrdfModel::default()).values();
+    let loss = evaluate(LossConfig::default(), prediction(0.4, 0.0));
     assert!(loss.total.abs() < 1e-5);
-    let other =
-        LossConfig::default().evaluate(&constant(6, 6, 0.6).to_tensor(&device), &target, &views, BrdfModel::default()).values();
+    // (3.3 − 2.3)² = 1; the paper's loss doesn't count it.
+    assert!((evaluate(LossConfig::default(), prediction(0.4, -3.3)).total).abs() < 1e-5);
+    let pulling = LossConfig { weights: LossWeights { excess: 0.25, ..LossWeights::default() }, ..LossConfig::default() };
+    let tipped = evaluate(pulling, prediction(0.4, -3.3));
+    assert!((tipped.excess - 1.0).abs() < 1e-4 && (tipped.total - 0.25).abs() < 1e-4, "{tipped:?}");
+    let other = evaluate(LossConfig::default(), prediction(0.6, 0.0));
     assert!(
         other.rendering > 0.05
             && other.top > 0.05

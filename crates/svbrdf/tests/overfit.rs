@@ -77,7 +77,7 @@ fn the_net_learns_one_exemplar_by_heart() {
     for step in 0..STEPS {
         let views = LossViews::draw(&mut rng);
         let prediction = net.predict(frames.clone(), flow.clone(), None, None);
-        let terms = loss.evaluate(&prediction.maps, &target, &views, BrdfModel::default());
+        let terms = loss.evaluate(&prediction, &target, &views, BrdfModel::default());
         history.push(terms.values());
         assert!(prediction.saturation() < 0.05, "the outputs tip over at step {step}");
         let gradients = GradientsParams::from_grads(terms.total.backward(), &net);

@@ -134,11 +134,7 @@ impl Stage for SvbrdfStage {
         let views = LossViews::draw(&mut moment.rng);
         let prediction = net.predict(frames, flow, Some(valid), Some(&mut moment.rng));
         let target = exemplar.target.to_tensor(device);
-        let loss = self.table.loss.evaluate(&prediction.maps, &target, &views, BrdfModel::default());
-        let total = match self.table.loss.weights.excess {
-            weight if weight > 0.0 => loss.total + prediction.excess() * weight,
-            _ => loss.total,
-        };
+        let loss = self.table.loss.evaluate(&prediction, &target, &views, BrdfModel::default());
         let saturated = Tensor::from_data([prediction.saturation()], device);
         let terms = [
             ("rendering", loss.rendering),
@@ -147,10 +143,11 @@ impl Stage for SvbrdfStage {
             ("diffuse", loss.diffuse),
             ("roughness", loss.roughness),
             ("specular", loss.specular),
+            ("excess", loss.excess),
             // Watched, not minimised: a share that climbs early means that the net tips over.
             ("saturated", saturated),
         ];
-        Ok(Losses { total, terms: terms.map(|(name, term)| (name.to_string(), term)).into() })
+        Ok(Losses { total: loss.total, terms: terms.map(|(name, term)| (name.to_string(), term)).into() })
     }
 
     fn measure(&self, net: &SvbrdfNet, device: &Device) -> Result<Vec<(String, f64)>, StageError> {
