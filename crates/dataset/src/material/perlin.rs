@@ -38,10 +38,14 @@ const GRADIENTS: [[f32; 2]; 16] = [
 /// Thresholded Perlin noise over the texel grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PerlinMask {
-    octaves: u32,
-    wavelength: f32,
-    offset: [f32; 2],
-    threshold: f32,
+    /// Octaves of the noise.
+    pub octaves: u32,
+    /// Wavelength of the coarsest octave, in texels of the 4096² grid.
+    pub wavelength: f32,
+    /// What is added to coordinates, in wavelengths of an octave.
+    pub offset: [f32; 2],
+    /// The noise above which the base material shows.
+    pub threshold: f32,
 }
 
 impl PerlinMask {

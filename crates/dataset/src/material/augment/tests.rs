@@ -61,6 +61,23 @@ fn an_augmented_material_looks_like_the_source_from_the_transformed_camera() {
 }
 
 #[test]
+fn factors_and_the_roughness_floor_apply_to_their_own_map() {
+    let source = material(0.5, Wrap::Repeat);
+    let augmentation = Augmentation { diffuse: 0.81, specular: 1.2, roughness: [0.9 * 0.85, 0.1], ..Augmentation::IDENTITY };
+    let augmented = AugmentedMaterial { material: source.clone(), augmentation };
+    for i in 0..100 {
+        let (tx, ty) = ((i % 10) as f32 * 1.7, (i / 10) as f32 * 1.3);
+        let (found, texel) = (augmented.sample(tx, ty, 1.5), source.sample(tx, ty, 1.5));
+        for c in 0..3 {
+            assert!((found.diffuse[c] - 0.81 * texel.diffuse[c]).abs() < 1e-6);
+            assert!((found.specular[c] - 1.2 * texel.specular[c]).abs() < 1e-6);
+        }
+        assert!((found.roughness - (0.9 * (0.85 * texel.roughness) + 0.1)).abs() < 1e-6);
+        assert_eq!(found.normal, texel.normal);
+    }
+}
+
+#[test]
 fn draws_are_deterministic_within_range_and_cover_all_flips() {
     let source = material(0.9, Wrap::Repeat);
     let config = AugmentConfig::default();
@@ -99,10 +116,13 @@ fn roughness_keeps_its_floor_and_the_perlin_layer_its_ranges() {
             let texel = augmented.sample(x, y, 1.0);
             assert!((0.1 - 1e-6..=1.0).contains(&texel.roughness));
             let (sx, sy) = augmentation.to_source(x, y);
+            let normal = augmentation.direction_from_source(source.sample(sx, sy, 1.0).normal);
+            assert_eq!(texel.normal, normal, "the layer keeps normals");
             match layer.mask.value(sx, sy, 1.0) {
                 0.0 => {
                     top += 1;
-                    assert_eq!((texel.specular, texel.diffuse), (layer.specular, layer.diffuse));
+                    let found = (texel.specular, texel.diffuse, texel.roughness);
+                    assert_eq!(found, (layer.specular, layer.diffuse, layer.roughness));
                 }
                 1.0 => {
                     base += 1;
