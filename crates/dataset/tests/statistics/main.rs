@@ -4,7 +4,11 @@
 //! ten-thousandth of the range: a constant that is a little off fails.
 
 mod augment;
+mod exemplar;
 mod laws;
+mod light;
+mod noise;
+mod pair;
 mod path;
 mod perlin;
 
@@ -19,7 +23,11 @@ fn rng(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
 }
 
-/// A material of `side`² texels.
+/// A matte material of 64² texels whose grey diffuse albedo is a function of column and row.
+fn painted(grey: impl Fn(usize, usize) -> f32 + Sync) -> Arc<Material> {
+    stored(64, |x, y| Texel::matte([grey(x, y); 3]))
+}
+
 fn stored(side: usize, texel: impl Fn(usize, usize) -> Texel + Sync) -> Arc<Material> {
     let info = MaterialInfo {
         name: "test".into(),
