@@ -50,7 +50,7 @@ mod tests {
         let video = sequence(&SequenceConfig::svbrdf(), 1);
         let camera = video.camera(70);
         let maps = video.target_maps(70, res);
-        for (y, x) in [(0, 0), (20, 31), (47, 2)] {
+        for (y, x) in (0..res * res).map(|i| (i / res, i % res)) {
             let at = |x: f64, y: f64| {
                 let [wx, wy] = cast(camera, x, y, res);
                 [(wx + 1.0) * 2048.0 - 0.5, (1.0 - wy) * 2048.0 - 0.5]

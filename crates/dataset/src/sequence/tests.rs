@@ -77,6 +77,112 @@ fn flow_labels_are_where_cast_rays_project_to() {
 }
 
 #[test]
+fn homographies_and_flow_labels_are_ray_casting_at_every_pixel() {
+    let res = 256;
+    for (video, target, source) in [(0, 0, 1), (1, 3, 40), (2, 12, 60), (3, 139, 140)] {
+        let video = sequence(&SequenceConfig::svbrdf(), video);
+        let (map, (flow, _)) = (video.homography(target, source, res), video.flow(target, source, res));
+        for (y, x) in (0..res * res).map(|i| (i / res, i % res)) {
+            let world = cast(video.camera(target), x as f64, y as f64, res);
+            let [px, py] = project(video.camera(source), world, res);
+            let (hx, hy) = map.apply(x as f64, y as f64).unwrap();
+            assert!((hx - px).abs() < 1e-5 && (hy - py).abs() < 1e-5, "({x}, {y}): ({hx}, {hy}) instead of ({px}, {py})");
+            let [fx, fy] = [0, 1].map(|c| f64::from(flow.at(c, y, x)));
+            assert!((x as f64 + fx - px).abs() < 1e-3 && (y as f64 + fy - py).abs() < 1e-3, "({x}, {y})");
+        }
+    }
+}
+
+/// A light that rests and shines alike on everything.
+fn overhead() -> VideoLights {
+    let light = Light::Directional { wi: [0.0, 0.0, 1.0], irradiance: [1.5; 3] };
+    VideoLights { intensity: 0.0, exponent: 1.0, resting: vec![light] }
+}
+
+/// Red rises with the texel's column and green with its row, so a rendered colour tells the place that it shows.
+#[test]
+fn frames_and_target_maps_show_the_points_that_rays_hit() {
+    let (tile, res) = (32, 256);
+    let info = MaterialInfo { name: "ramps".into(), ..material().info().clone() };
+    let ramp = |k: usize| 0.1 + 0.8 * k as f32 / tile as f32;
+    let texel = |x: usize, y: usize| Texel { specular: [0.0; 3], ..Texel::matte([ramp(x), ramp(y), 1.0]) };
+    let ramps = Arc::new(Material::build(info, tile, tile, Precision::Sixteen, texel).unwrap());
+    let path = sequence(&SequenceConfig::svbrdf(), 4).path().clone();
+    let video = Sequence::from_parts(AugmentedMaterial::plain(ramps), path, overhead());
+    for frame in [0, 77] {
+        for image in [video.radiance(frame, res), video.target_maps(frame, res).diffuse] {
+            let (mut sum, mut squares, mut count) = ([0.0; 2], [0.0; 2], 0.0);
+            for (y, x) in (0..res * res).map(|i| (i / res, i % res)) {
+                let [wx, wy] = cast(video.camera(frame), x as f64, y as f64, res);
+                let expected = [(wx + 1.0) * 2048.0 - 0.5, (1.0 - wy) * 2048.0 - 0.5].map(|t| t.rem_euclid(tile as f64));
+                // Away from the ramps' ends, which filters blur.
+                if expected.iter().all(|t| (5.0..tile as f64 - 6.0).contains(t)) {
+                    for axis in 0..2 {
+                        let value = f64::from(image.at(axis, y, x) / image.at(2, y, x));
+                        let offset = (value - 0.1) / 0.8 * tile as f64 - expected[axis];
+                        sum[axis] += offset;
+                        squares[axis] += offset * offset;
+                    }
+                    count += 1.0;
+                }
+            }
+            assert!(count > 20_000.0);
+            // A pixel of these frames covers a texel, give or take a half.
+            for axis in 0..2 {
+                let (mean, spread) = (sum[axis] / count, f64::sqrt(squares[axis] / count));
+                assert!(mean.abs() < 2e-4 && spread < 1e-3, "frame {frame}: {mean} and {spread} texels off along {axis}");
+            }
+        }
+    }
+}
+
+#[test]
+fn rendering_an_augmented_material_by_an_equally_moved_camera_gives_the_moved_frame() {
+    let res = 48;
+    let drawn = sequence(&SequenceConfig::flow(), 6);
+    let source = Sequence::from_parts(AugmentedMaterial::plain(material()), drawn.path().clone(), drawn.lights().clone());
+    for code in 0..8 {
+        let (flip_x, flip_y, transpose) = (code & 1 > 0, code & 2 > 0, code & 4 > 0);
+        let moved = |[x, y, z]: [f64; 3]| {
+            let (x, y) = (if flip_x { -x } else { x }, if flip_y { -y } else { y });
+            if transpose { [-y, -x, z] } else { [x, y, z] }
+        };
+        let camera = |c: &Camera| {
+            let ahead = std::array::from_fn(|k| c.position[k] + c.forward[k]);
+            Camera::look_at(moved(c.position), moved(ahead), moved(c.down.map(|v| -v)), c.fov_rad)
+        };
+        let path = CameraPath { cameras: drawn.path().cameras.iter().map(camera).collect(), ..drawn.path().clone() };
+        let light = |light: &Light| match *light {
+            Light::Point { position, irradiance } => {
+                Light::Point { position: moved(position.map(f64::from)).map(|v| v as f32), irradiance }
+            }
+            _ => panic!("the second light is a point"),
+        };
+        let lights = VideoLights { resting: drawn.lights().resting.iter().map(light).collect(), ..drawn.lights().clone() };
+        let augmentation = Augmentation { flip_x, flip_y, transpose, ..Augmentation::IDENTITY };
+        let surface = AugmentedMaterial { material: material(), augmentation };
+        let augmented = Sequence::from_parts(surface, path, lights);
+        // A mirrored camera is no camera: one with the same upright image shows it with left and right exchanged.
+        let mirrored = flip_x ^ flip_y ^ transpose;
+        for frame in [0, 90] {
+            let maps = |video: &Sequence| {
+                let maps = video.target_maps(frame, res);
+                [video.radiance(frame, res), maps.normal, maps.diffuse, maps.roughness, maps.specular]
+            };
+            for (k, (found, expected)) in maps(&augmented).into_iter().zip(maps(&source)).enumerate() {
+                for (c, i) in (0..found.channels).flat_map(|c| (0..res * res).map(move |i| (c, i))) {
+                    let (y, x) = (i / res, i % res);
+                    let from = expected.at(c, y, if mirrored { res - 1 - x } else { x });
+                    let from = if mirrored && k == 1 && c == 0 { -from } else { from };
+                    let difference = (found.at(c, y, x) - from).abs();
+                    assert!(difference < 3e-4, "augmentation {code}, frame {frame}, map {k}, ({x}, {y}): {difference}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn a_crop_is_the_rectangle_of_the_frame() {
     let video = sequence(&SequenceConfig::flow(), 2);
     let whole = video.frame(9, 64);
