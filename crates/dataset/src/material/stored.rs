@@ -296,4 +296,6 @@ fn maxima<T: Stored>(level: &Level<T>) -> Maxima {
 }
 
 #[cfg(test)]
+mod resampling;
+#[cfg(test)]
 mod tests;
