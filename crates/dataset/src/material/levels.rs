@@ -7,8 +7,8 @@ use super::stored::Wrap;
 
 /// Binary logarithms of the levels' texel sizes.
 ///
-/// Beyond 4 texels every second level is left out: camera frames never look so far down the chain, and without them a
-/// 4096² tile of 8 bit costs 199 MB instead of 201 MB (the budget is 200 MB).
+/// Beyond 4 texels every second level is left out: without them a 4096² tile of 8 bit costs 199 MB instead of 201 MB (the
+/// budget is 200 MB). [`sampled`] makes up for them; frames of a scan at 256² don't look so far down the chain.
 pub(crate) const LEVEL_LOG2: [u32; 8] = [0, 1, 2, 4, 6, 8, 10, 12];
 
 /// One level of a tile.
@@ -153,16 +153,55 @@ fn spans(source: usize, target: usize) -> Vec<impl Iterator<Item = (usize, f32)>
         .collect()
 }
 
-/// Where a footprint lies in the chain: the finer of the two levels, and the weight of the next coarser one.
+/// Where a footprint lies in the whole chain: the binary logarithm of the finer of the two texel sizes around it, and the
+/// weight of the coarser one.
 #[inline(always)]
-pub(crate) fn level_of(footprint: f32, levels: usize) -> (usize, f32) {
+pub(crate) fn octave_of(footprint: f32, levels: usize) -> (usize, f32) {
     // Exponent and mantissa of the float are the logarithm's whole part and its (piecewise linear) fraction.
     let bits = footprint.to_bits();
-    let exponent = ((bits >> 23) as i32 - 127) as usize;
+    let octave = ((bits >> 23) as i32 - 127) as usize;
     let fraction = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000) - 1.0;
-    let (level, weight) =
-        if exponent < 2 { (exponent, fraction) } else { (exponent / 2 + 1, ((exponent % 2) as f32 + fraction) * 0.5) };
-    if level + 1 < levels { (level, weight) } else { (levels - 1, 0.0) }
+    let last = LEVEL_LOG2[levels - 1] as usize;
+    if octave < last { (octave, fraction) } else { (last, 0.0) }
+}
+
+/// The sample of a footprint of 4 texels or more. Out of line: frames of a scan at 256² hardly ever need it.
+#[inline(never)]
+pub(crate) fn coarse<T: Stored>(levels: &[Level<T>], (octave, weight): (usize, f32), x: f32, y: f32, wrap: Wrap) -> Lanes {
+    let mut lanes = sampled(levels, octave, x, y, wrap);
+    if weight > 0.0 {
+        mix(&mut lanes, &sampled(levels, octave + 1, x, y, wrap), weight);
+    }
+    lanes
+}
+
+/// Moves a sample towards another by a share of the way.
+#[inline(always)]
+pub(crate) fn mix(lanes: &mut Lanes, other: &Lanes, share: f32) {
+    for lane in 0..LANES {
+        lanes[lane] += share * (other[lane] - lanes[lane]);
+    }
+}
+
+/// The bilinear sample of the level whose texels have the binary logarithm `octave`, at (x, y) in texels of level 0.
+fn sampled<T: Stored>(levels: &[Level<T>], octave: usize, x: f32, y: f32, wrap: Wrap) -> Lanes {
+    match LEVEL_LOG2.iter().position(|log2| *log2 as usize >= octave) {
+        Some(level) if LEVEL_LOG2[level] as usize == octave => levels[level].bilinear(x, y, wrap),
+        Some(level) => left_out(&levels[level - 1], octave, x, y, wrap),
+        None => levels[levels.len() - 1].bilinear(x, y, wrap),
+    }
+}
+
+/// The sample of a level that isn't stored, from the next finer one: a texel is the mean of four that lie a quarter of its
+/// size from its centre along each axis.
+fn left_out<T: Stored>(finer: &Level<T>, octave: usize, x: f32, y: f32, wrap: Wrap) -> Lanes {
+    let quarter = (1u32 << (octave - 2)) as f32;
+    let mut mean = [0.0; LANES];
+    for (dx, dy) in [(-quarter, -quarter), (quarter, -quarter), (-quarter, quarter), (quarter, quarter)] {
+        let lanes = finer.bilinear(x + dx, y + dy, wrap);
+        mean.iter_mut().zip(lanes).for_each(|(m, l)| *m += 0.25 * l);
+    }
+    mean
 }
 
 #[cfg(test)]
@@ -171,23 +210,37 @@ mod tests {
     use crate::material::encoding::ROUGHNESS;
 
     #[test]
-    fn levels_follow_the_footprint() {
+    fn octaves_follow_the_footprint() {
         let expect = [
             (1.0, 0, 0.0),
             (1.5, 0, 0.5),
             (2.0, 1, 0.0),
             (3.0, 1, 0.5),
             (4.0, 2, 0.0),
-            (8.0, 2, 0.5),
-            (16.0, 3, 0.0),
-            (64.0, 4, 0.0),
+            (8.0, 3, 0.0),
+            (12.0, 3, 0.5),
+            (16.0, 4, 0.0),
+            (64.0, 6, 0.0),
         ];
-        for (footprint, level, weight) in expect {
-            assert_eq!(level_of(footprint, 8), (level, weight), "{footprint}");
+        for (footprint, octave, weight) in expect {
+            assert_eq!(octave_of(footprint, 8), (octave, weight), "{footprint}");
         }
-        assert_eq!(level_of(1e9, 8), (7, 0.0));
-        assert_eq!(level_of(64.0, 3), (2, 0.0));
-        assert_eq!(level_of(f32::INFINITY, 1), (0, 0.0));
+        assert_eq!(octave_of(1e9, 8), (12, 0.0));
+        assert_eq!(octave_of(64.0, 3), (2, 0.0));
+        assert_eq!(octave_of(f32::INFINITY, 1), (0, 0.0));
+    }
+
+    #[test]
+    fn a_level_that_is_left_out_is_the_mean_of_the_texels_under_it() {
+        let value = |x: usize, y: usize| ((x * 5 + y * 11) % 17) as f32 / 16.0;
+        let levels = chain(Level::<u16>::from_fn(32, 32, |x, y| [value(x, y); LANES]));
+        for (column, row) in [(0, 0), (2, 1), (3, 3)] {
+            let texels = (0..64).map(|i| value(8 * column + i % 8, 8 * row + i / 8));
+            let mean = texels.sum::<f32>() / 64.0;
+            let centre = |k: usize| 8.0 * k as f32 + 3.5;
+            let found = sampled(&levels, 3, centre(column), centre(row), Wrap::Repeat);
+            assert!((found[0] - mean).abs() < 1e-4, "{} instead of {mean}", found[0]);
+        }
     }
 
     #[test]

@@ -4,7 +4,7 @@ use render::texel::Texel;
 use serde::{Deserialize, Serialize};
 
 use super::encoding::{LANES, Lanes, ROUGHNESS, SPECULAR, STORED, Stored, lanes_of, texel_of};
-use super::levels::{LEVEL_LOG2, Level, chain, level_of};
+use super::levels::{LEVEL_LOG2, Level, chain, coarse, mix, octave_of};
 use super::{MaterialError, MaterialMaps};
 
 /// Texels of the virtual grid over the material's [−1, 1]² (paper §4: 4096² maps).
@@ -270,13 +270,14 @@ fn filtered<T: Stored>(levels: &[Level<T>], x: f32, y: f32, footprint: f32, wrap
     if footprint <= 1.0 || footprint.is_nan() {
         return levels[0].bilinear(x, y, wrap);
     }
-    let (level, weight) = level_of(footprint, levels.len());
-    let mut lanes = levels[level].bilinear(x, y, wrap);
+    let (octave, weight) = octave_of(footprint, levels.len());
+    if octave >= 2 {
+        return coarse(levels, (octave, weight), x, y, wrap);
+    }
+    // Up to here every level is stored.
+    let mut lanes = levels[octave].bilinear(x, y, wrap);
     if weight > 0.0 {
-        let coarser = levels[level + 1].bilinear(x, y, wrap);
-        for lane in 0..LANES {
-            lanes[lane] += weight * (coarser[lane] - lanes[lane]);
-        }
+        mix(&mut lanes, &levels[octave + 1].bilinear(x, y, wrap), weight);
     }
     lanes
 }
