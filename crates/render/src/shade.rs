@@ -21,13 +21,24 @@ pub struct Geometry {
 impl Geometry {
     /// The geometry of a view of `height × width` maps.
     pub fn new(view: &View, height: usize, width: usize, device: &Device) -> Self {
+        let [camera, light] = [view.camera, view.light].map(|origin| constant(origin.position().0, device));
+        Self::from_positions(view, camera, light, height, width)
+    }
+
+    /// The geometry of a view whose camera and light are tensors, so that gradients reach them: positions (or directions,
+    /// where the view has such) that replace those of `view`.
+    ///
+    /// # Shapes
+    /// `[1, 3, 1, 1]` each
+    pub fn from_positions(view: &View, camera: Tensor<4>, light: Tensor<4>, height: usize, width: usize) -> Self {
         let x = (0..height * width).map(|i| plane_x(i % width, width));
         let y = (0..height * width).map(|i| plane_y(i / width, height));
         let data: Vec<f32> = x.chain(y).chain(std::iter::repeat_n(0.0, height * width)).collect();
-        let plane = Tensor::<4>::from_data(TensorData::new(data, [1, 3, height, width]), device);
-        let wi = unit(towards(&view.light, &plane));
-        let wo = unit(towards(&view.camera, &plane));
-        let irradiance = irradiance(view, &wi, &plane);
+        let plane = Tensor::<4>::from_data(TensorData::new(data, [1, 3, height, width]), &camera.device());
+        let to_light = towards(light.clone(), view.light, &plane);
+        let wi = unit(to_light.clone());
+        let wo = unit(towards(camera, view.camera, &plane));
+        let irradiance = irradiance(view, &wi, to_light, light);
         Self { wi, wo, irradiance }
     }
 }
@@ -36,9 +47,9 @@ fn constant(v: [f32; 3], device: &Device) -> Tensor<4> {
     Tensor::from_data(TensorData::new(v.to_vec(), [1, 3, 1, 1]), device)
 }
 
-fn towards(origin: &Origin, plane: &Tensor<4>) -> Tensor<4> {
-    let (position, near) = origin.position();
-    constant(position, &plane.device()) - plane.clone() * near
+/// From every point of the plane to a position, or the direction itself.
+fn towards(position: Tensor<4>, origin: Origin, plane: &Tensor<4>) -> Tensor<4> {
+    position - plane.clone() * origin.position().1
 }
 
 fn unit(v: Tensor<4>) -> Tensor<4> {
@@ -50,16 +61,14 @@ fn dot(a: &Tensor<4>, b: &Tensor<4>) -> Tensor<4> {
     (a.clone() * b.clone()).sum_dim(1)
 }
 
-fn irradiance(view: &View, wi: &Tensor<4>, plane: &Tensor<4>) -> Tensor<4> {
+fn irradiance(view: &View, wi: &Tensor<4>, to_light: Tensor<4>, light: Tensor<4>) -> Tensor<4> {
     let cosine = wi.clone().narrow(1, 2, 1);
     match (view.emission, view.light) {
         (Emission::Even { intensity }, _) => cosine.clamp_min(LOSS_COSINE_MIN).recip() * intensity,
         (Emission::Flash { intensity, .. }, Origin::Direction(_)) => cosine.ones_like() * intensity,
-        (Emission::Flash { intensity, exponent }, Origin::Point(position)) => {
-            let axis = constant(crate::direction::unit(position), &plane.device());
-            let cone = dot(wi, &axis).clamp_min(0.0).powf_scalar(exponent);
-            let squared = towards(&view.light, plane).square().sum_dim(1).clamp_min(1e-12);
-            cone / squared * intensity
+        (Emission::Flash { intensity, exponent }, Origin::Point(_)) => {
+            let cone = dot(wi, &unit(light)).clamp_min(0.0).powf_scalar(exponent);
+            cone / to_light.square().sum_dim(1).clamp_min(1e-12) * intensity
         }
     }
 }
@@ -119,6 +128,10 @@ fn squared_sine(n: &Tensor<4>, h: &Tensor<4>) -> Tensor<4> {
 /// `[N, 3, H, W]`
 pub fn render(maps: &Svbrdf, view: &View, model: BrdfModel) -> Tensor<4> {
     let [_, height, width] = maps.dims();
-    let geometry = Geometry::new(view, height, width, &maps.device());
-    shade(maps, &geometry.wi, &geometry.wo, model) * geometry.irradiance
+    render_with(maps, &Geometry::new(view, height, width, &maps.device()), model)
+}
+
+/// [`render`] with a geometry at hand, which may carry gradients to the positions of camera and light.
+pub fn render_with(maps: &Svbrdf, geometry: &Geometry, model: BrdfModel) -> Tensor<4> {
+    shade(maps, &geometry.wi, &geometry.wo, model) * geometry.irradiance.clone()
 }

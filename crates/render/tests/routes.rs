@@ -1,15 +1,16 @@
 //! The three routes mean the same, in value and gradient.
 
-use burn::tensor::{Device, Tensor};
+use burn::tensor::{Device, Tensor, TensorData};
 use ops::gradcheck::largest_relative_error;
 use ops::planes::{Planes, values};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use render::brdf::{BrdfModel, DiffuseModel, SpecularModel};
 use render::direction::unit;
+use render::shade::Geometry;
 use render::svbrdf::{Svbrdf, SvbrdfImage};
 use render::texel::Texel;
-use render::views::{EvaluationViews, LossViews, View, plane_point};
+use render::views::{Emission, EvaluationViews, LossViews, Origin, View, plane_point};
 use render::{fused, loss, pixel, shade};
 
 fn models() -> Vec<BrdfModel> {
@@ -108,6 +109,59 @@ fn the_tensor_route_has_the_gradient_of_central_differences() {
                 (shade::render(&Svbrdf::from_stacked(x), view, model) + 0.1).log().sum()
             });
             assert!(error < 2e-2, "{model:?}: {error}");
+        }
+    }
+}
+
+/// Camera and light may be what is looked for, too: positions and directions, under every kind of light.
+#[test]
+fn positions_of_camera_and_light_have_the_gradient_of_central_differences() {
+    let mut maps = random_maps(3, 4, 0.2, 21);
+    maps.roughness = maps.roughness.map(|r| r.max(0.3)); // lobes that a step of the differences doesn't jump over
+    let (near, far) = (Origin::Point([0.3, -0.2, 1.1]), Origin::Direction(unit([0.2, 0.3, 1.0])));
+    let flash = Emission::Flash { intensity: 2.0, exponent: 5.0 };
+    let even = Emission::Even { intensity: 3.0 };
+    for model in models() {
+        for (light, emission) in [(near, flash), (near, even), (far, flash), (far, even)] {
+            for camera in [Origin::Point([-0.4, 0.1, 0.9]), Origin::Direction(unit([-0.3, 0.1, 1.0]))] {
+                let view = View { camera, light, emission };
+                let packed = [camera.position().0, light.position().0].concat();
+                let error = largest_relative_error(&packed, [2, 3, 1, 1], 3e-3, |x| {
+                    let maps = SvbrdfImage::batch(&[&maps], &x.device());
+                    let geometry = Geometry::from_positions(&view, x.clone().narrow(0, 0, 1), x.narrow(0, 1, 1), 3, 4);
+                    (shade::render_with(&maps, &geometry, model) + 0.1).log().sum()
+                });
+                assert!(error < 1e-2, "{model:?} {view:?}: {error}");
+            }
+        }
+    }
+}
+
+/// Where light or viewer graze the surface or pass behind it, and where the lobe is a needle, every gradient is a number.
+#[test]
+fn positions_have_finite_gradients_everywhere() {
+    let device = Device::flex().autodiff();
+    let places = [[0.0, 0.0, 1.0], [0.7, 0.0, 1e-3], [0.3, 0.3, 0.0], [0.5, 0.1, -0.4], [0.25, 0.5, 0.0]];
+    let mut maps = random_maps(2, 4, 0.0, 3);
+    for i in 0..8 {
+        let normal = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, -0.8, 0.6], [0.0, 0.0, 1.0]][i % 4];
+        maps.set(i / 4, i % 4, &Texel { normal, roughness: [0.02, 0.0][i / 4], ..maps.texel(i / 4, i % 4) });
+    }
+    for model in models() {
+        for (camera, light) in places.iter().flat_map(|a| places.map(|b| (*a, b))) {
+            let tensor =
+                |p: [f32; 3]| Tensor::<4>::from_data(TensorData::new(p.to_vec(), [1, 3, 1, 1]), &device).require_grad();
+            let (eye, lamp) = (tensor(camera), tensor(light));
+            let emission = Emission::Flash { intensity: 1.0, exponent: 5.0 };
+            let view = View { camera: Origin::Point(camera), light: Origin::Point(light), emission };
+            let geometry = Geometry::from_positions(&view, eye.clone(), lamp.clone(), 2, 4);
+            let picture = shade::render_with(&maps.to_tensor(&device), &geometry, model);
+            assert!(values(picture.clone()).iter().all(|v| v.is_finite()));
+            let slopes = (picture + 0.1).log().sum().backward();
+            for position in [eye, lamp] {
+                let slope = values(position.grad(&slopes).expect("the picture depends on it"));
+                assert!(slope.iter().all(|v| v.is_finite()), "{model:?} camera {camera:?} light {light:?}: {slope:?}");
+            }
         }
     }
 }

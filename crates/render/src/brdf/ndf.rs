@@ -7,6 +7,10 @@ use burn::tensor::Tensor;
 /// Smallest denominator of the authors' distribution.
 pub const CLAMP: f32 = 1e-3;
 
+/// Smallest value of GGX's bracket. For unit vectors it is at least the smallest alpha², 1e-8; only where light and viewer are
+/// exactly opposite, so that there is no half vector, would it vanish.
+const BRACKET_MIN: f32 = 1e-10;
+
 /// GGX: alpha² / (π ((n·h)²(alpha² − 1) + 1)²).
 ///
 /// The bracket is evaluated as alpha²(n·h)² + |n×h|², which is the same for unit vectors and doesn't cancel to zero at
@@ -16,7 +20,7 @@ pub const CLAMP: f32 = 1e-3;
 /// Walter et al. 2007, Eq. 33; paper §3.
 #[inline(always)]
 pub fn ggx(alpha2: f32, nh: f32, sin2: f32) -> f32 {
-    let t = alpha2 * nh * nh + sin2;
+    let t = (alpha2 * nh * nh + sin2).max(BRACKET_MIN);
     alpha2 / (PI * t * t)
 }
 
@@ -33,7 +37,7 @@ pub fn ggx_clamped(alpha: f32, nh: f32) -> f32 {
 
 /// [`ggx`] for tensors of one shape (or broadcastable).
 pub fn ggx_tensor(alpha2: Tensor<4>, nh: Tensor<4>, sin2: Tensor<4>) -> Tensor<4> {
-    let t = alpha2.clone() * nh.square() + sin2;
+    let t = (alpha2.clone() * nh.square() + sin2).clamp_min(BRACKET_MIN);
     alpha2 / (t.square() * PI)
 }
 
