@@ -19,6 +19,9 @@ pub enum EvaluateError {
     /// The test materials.
     #[error(transparent)]
     Materials(#[from] dataset::material::library::LibraryError),
+    /// The scans' settings.
+    #[error("evaluate: videos: {0}")]
+    Videos(dataset::sequence::SequenceConfigError),
     /// The alignment refused its input.
     #[error(transparent)]
     Align(#[from] flow::align::AlignError),

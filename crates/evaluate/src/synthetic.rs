@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use dataset::material::augment::AugmentConfig;
 use dataset::material::library::MaterialLibrary;
 use dataset::material::stored::Material;
 use dataset::sequence::{Sequence, SequenceConfig};
@@ -42,6 +43,8 @@ pub struct SyntheticConfig {
     pub constant_videos: u64,
     /// The alignment.
     pub align: AlignConfig,
+    /// The scans: path, light and sensor, each a row of the paper's Table 5. Materials are shown as they are.
+    pub videos: SequenceConfig,
     /// Seed of paths, lights and noise.
     pub seed: u64,
 }
@@ -56,6 +59,7 @@ impl Default for SyntheticConfig {
             pairs: 8,
             constant_videos: 48,
             align: AlignConfig::default(),
+            videos: SequenceConfig { augment: AugmentConfig::none(), ..spirals() },
             seed: 7001,
         }
     }
@@ -74,9 +78,16 @@ impl SyntheticConfig {
             Self { map_resolution: r, .. } if !(16..=4096).contains(r) => error("map_resolution", *r, "16 to 4096 pixels"),
             Self { pairs: 0, .. } => error("pairs", 0, "at least 1"),
             Self { constant_videos: 0, .. } => error("constant_videos", 0, "at least 1"),
-            _ => Ok(()),
+            _ => self.videos.validate().map_err(EvaluateError::Videos),
         }
     }
+}
+
+/// The SVBRDF net's training videos without the lines among them.
+fn spirals() -> SequenceConfig {
+    let mut videos = SequenceConfig::svbrdf();
+    videos.path.line_share = 0.0;
+    videos
 }
 
 /// Map and re-rendering errors of one kind of maps.
@@ -137,15 +148,11 @@ pub fn run(
     mut progress: impl FnMut(&MaterialResult) -> bool,
 ) -> Result<Vec<MaterialResult>, EvaluateError> {
     config.validate()?;
-    let mut sequence = SequenceConfig::svbrdf();
-    sequence.path.line_share = 0.0;
     let streams = Stream::new(config.seed);
-    let constants = constant_maps(library, &sequence, &streams, config.constant_videos)?;
-    // Test materials are shown as they are.
-    sequence.augment = dataset::material::augment::AugmentConfig::none();
+    let constants = constant_maps(library, &spirals(), &streams, config.constant_videos)?;
     let mut results = Vec::new();
     for (video, material) in held_out(library, config.textured, config.low_texture)?.into_iter().enumerate() {
-        let scan = TestScan::new(material, &sequence, &streams, video as u64, config);
+        let scan = TestScan::new(material, &streams, video as u64, config);
         let result = scan.measure(method, &constants)?;
         let go_on = progress(&result);
         results.push(result);
@@ -163,14 +170,8 @@ struct TestScan<'a> {
 }
 
 impl<'a> TestScan<'a> {
-    fn new(
-        material: Arc<Material>,
-        sequence: &SequenceConfig,
-        streams: &Stream,
-        video: u64,
-        config: &'a SyntheticConfig,
-    ) -> Self {
-        let video = Sequence::new(material, sequence, streams, video);
+    fn new(material: Arc<Material>, streams: &Stream, video: u64, config: &'a SyntheticConfig) -> Self {
+        let video = Sequence::new(material, &config.videos, streams, video);
         let frames = (0..video.len()).map(|i| video.frame(i, config.resolution)).collect();
         Self { video, frames, config }
     }
