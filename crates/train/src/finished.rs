@@ -16,6 +16,9 @@ pub struct FinishedStage {
     pub steps: usize,
     /// Training time of the whole run up to its end, in seconds.
     pub seconds: f64,
+    /// Share of the steps' time that went by waiting for data, since the last start.
+    #[serde(default)]
+    pub data_wait_share: f64,
     /// Measurements on held-out materials.
     pub measured: BTreeMap<String, f64>,
     /// Batches skipped because a loss was not finite on them.

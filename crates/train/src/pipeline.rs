@@ -195,13 +195,12 @@ impl Pipeline<'_> {
         match train(stage, &mut around, from)? {
             Outcome::Stopped { step } => Ok(Some(Ending::Stopped { stage: stage.name(), step })),
             Outcome::Finished(trained) => {
-                let Trained { net, measured, skipped, seconds } = *trained;
+                let Trained { net, measured, skipped, seconds, data_wait_share } = *trained;
                 let measured: BTreeMap<String, f64> = measured.into_iter().collect();
                 save(&net, self.training(stage), measured.clone())?;
-                finished.add(
-                    self.folder,
-                    FinishedStage { stage: stage.name().into(), steps: stage.steps(), seconds, measured, skipped },
-                )?;
+                let (stage, steps) = (stage.name().into(), stage.steps());
+                let done = FinishedStage { stage, steps, seconds, data_wait_share, measured, skipped };
+                finished.add(self.folder, done)?;
                 Ok(None)
             }
         }

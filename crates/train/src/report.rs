@@ -83,6 +83,9 @@ pub fn write(
             report.insert(name.into(), json!(value));
         }
     }
+    for done in &finished.stages {
+        report.insert(format!("{}_data_wait_share", done.stage), json!(done.data_wait_share));
+    }
     report.extend(figures.into_iter().flatten().map(|(name, value)| (name, json!(value))));
     let skipped: usize = finished.stages.iter().map(|stage| stage.skipped.len()).sum();
     report.insert("skipped_batches".into(), json!(skipped));

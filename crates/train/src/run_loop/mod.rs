@@ -109,6 +109,8 @@ pub struct Trained<N> {
     pub skipped: Vec<u64>,
     /// Training time of the run so far, in seconds.
     pub seconds: f64,
+    /// Share of the steps' time that went by waiting for data, since the last start.
+    pub data_wait_share: f64,
 }
 
 /// Trains a stage from its start or from a checkpoint.

@@ -14,7 +14,7 @@ use dataset::producer::{Producer, ProducerError};
 use dataset::stream::Stream;
 use rand_chacha::rand_core::Rng;
 use std::path::PathBuf;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// A run gives up after going back this often in one stage: then the weights, not one exemplar, are at fault.
 const MOST_RESTORES: usize = 5;
@@ -45,6 +45,9 @@ pub(super) struct StageRun<'s, 'b, S: Stage> {
     streams: Stream,
     state: State,
     progress: Progress,
+    /// Time in the steps of this process, and how much of it went by waiting for data.
+    stepping: Duration,
+    waiting: Duration,
     /// When this process began, less the training time before.
     began: Instant,
     seconds_before: f64,
@@ -88,6 +91,8 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
             streams,
             state,
             progress,
+            stepping: Duration::ZERO,
+            waiting: Duration::ZERO,
             began: Instant::now(),
             seconds_before,
         })
@@ -146,8 +151,11 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         sum.clip(norm, plan.clip);
         self.update(sum, learning_rate)?;
         row.push(("learning_rate".into(), learning_rate));
-        let seconds = began.elapsed().as_secs_f64().max(1e-9);
-        let waiting = (self.producer.wait_seconds() - waited) / seconds;
+        let (stepped, waited) = (began.elapsed(), Duration::from_secs_f64(self.producer.wait_seconds() - waited));
+        self.stepping += stepped;
+        self.waiting += waited;
+        let seconds = stepped.as_secs_f64().max(1e-9);
+        let waiting = waited.as_secs_f64() / seconds;
         let samples_per_second = (self.stage.batch() * plan.accumulate) as f64 / seconds;
         Ok(Ok(StepRow { values: row, samples_per_second, waiting }))
     }
@@ -278,7 +286,9 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
 
     pub(super) fn finish(self) -> Result<Outcome<S::Net>, TrainError> {
         let seconds = self.seconds_before + self.began.elapsed().as_secs_f64();
-        let trained = Trained { net: self.evaluated()?, measured: self.state.measured, skipped: self.state.skipped, seconds };
+        let data_wait_share = self.waiting.as_secs_f64() / self.stepping.as_secs_f64().max(1e-9);
+        let (net, State { measured, skipped, .. }) = (self.evaluated()?, self.state);
+        let trained = Trained { net, measured, skipped, seconds, data_wait_share };
         Ok(Outcome::Finished(Box::new(trained)))
     }
 }
