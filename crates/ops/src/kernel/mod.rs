@@ -7,6 +7,7 @@
 mod autodiff;
 pub mod conv;
 pub mod correlation;
+pub mod peak;
 pub mod pointwise;
 pub mod sampling;
 mod tile;
