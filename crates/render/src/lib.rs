@@ -27,6 +27,7 @@ mod approximation;
 pub mod brdf;
 pub mod camera;
 pub mod direction;
+pub mod environment;
 pub mod evaluation;
 pub mod fused;
 pub mod lens;

@@ -1,7 +1,6 @@
-//! Lights: the flash at the camera, a second light without fall-off, directional lights, and environments as a small set of
-//! directional lights.
+//! Lights: the flash at the camera, a second light without fall-off, and directional lights, of which a few stand for an
+//! [environment](crate::environment).
 
-use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 
 use crate::brdf::BrdfModel;
@@ -50,7 +49,7 @@ pub enum Light {
 
 impl Light {
     /// What reaches a world point.
-    #[inline]
+    #[inline(always)]
     pub fn incident(&self, point: [f32; 3]) -> Incident {
         match *self {
             Self::Flash { position, axis, intensity, exponent } => {
@@ -68,7 +67,7 @@ impl Light {
 }
 
 /// Linear radiance that leaves a world `point` of the material towards `eye`.
-#[inline]
+#[inline(always)]
 pub fn radiance(texel: &Texel, point: [f32; 3], eye: [f32; 3], lights: &[Light], model: BrdfModel) -> [f32; 3] {
     let wo = unit(minus(eye, point));
     let mut sum = [0.0; 3];
@@ -82,118 +81,9 @@ pub fn radiance(texel: &Texel, point: [f32; 3], eye: [f32; 3], lights: &[Light],
     sum
 }
 
-/// A lat-long environment: row 0 is the zenith (+z, towards the viewer), the last row the nadir; column 0 is azimuth 0 (+x),
-/// azimuth grows counter-clockwise (towards +y).
-#[derive(Clone, Debug)]
-pub struct Environment {
-    rows: usize,
-    columns: usize,
-    radiance: Vec<[f32; 3]>,
-}
-
-impl Environment {
-    /// Wraps linear radiance values, row-major.
-    ///
-    /// # Errors
-    /// When `radiance` isn't `rows × columns` finite, non-negative values.
-    pub fn new(rows: usize, columns: usize, radiance: Vec<[f32; 3]>) -> Result<Self, EnvironmentError> {
-        if rows == 0 || columns == 0 || radiance.len() != rows * columns {
-            return Err(EnvironmentError::Size { rows, columns, found: radiance.len() });
-        }
-        match radiance.iter().position(|v| v.iter().any(|c| !(c.is_finite() && *c >= 0.0))) {
-            Some(i) => Err(EnvironmentError::Value { row: i / columns, column: i % columns }),
-            None => Ok(Self { rows, columns, radiance }),
-        }
-    }
-
-    /// A procedural overcast sky with a soft bright window at a random azimuth.
-    pub fn sky(rng: &mut impl Rng) -> Self {
-        let (rows, columns) = (32, 64);
-        let azimuth: f32 = rng.random_range(0.0..std::f32::consts::TAU);
-        let elevation: f32 = rng.random_range(0.3..1.2);
-        let window = [azimuth.cos() * elevation.cos(), azimuth.sin() * elevation.cos(), elevation.sin()];
-        let radiance = (0..rows * columns)
-            .map(|i| {
-                let d = direction(i / columns, i % columns, rows, columns);
-                let overcast = (1.0 + 2.0 * d[2].max(0.0)) / 3.0; // CIE overcast sky
-                let glow = dot(d, window).max(0.0).powi(24) * 4.0;
-                [overcast + glow, overcast + 0.95 * glow, 1.08 * overcast + 0.85 * glow]
-            })
-            .collect();
-        Self { rows, columns, radiance }
-    }
-
-    /// `count` directional lights that stand for the upper hemisphere, drawn in proportion to what each part adds to the
-    /// irradiance of the plane z = 0 (stratified importance sampling), with the plane's irradiance scaled to `irradiance`.
-    ///
-    /// An environment that is black above the plane gives no light.
-    pub fn lights(&self, count: usize, irradiance: f32, rng: &mut impl Rng) -> Vec<Light> {
-        let cell = |i: usize| direction(i / self.columns, i % self.columns, self.rows, self.columns);
-        let weight = |i: usize| {
-            let d = cell(i);
-            let sine = (1.0 - d[2] * d[2]).max(0.0).sqrt();
-            f64::from(d[2].max(0.0) * sine * self.radiance[i].iter().sum::<f32>() / 3.0)
-        };
-        let mut cumulative = Vec::with_capacity(self.radiance.len());
-        let mut total = 0.0;
-        for i in 0..self.radiance.len() {
-            total += weight(i);
-            cumulative.push(total);
-        }
-        if total <= 0.0 {
-            return Vec::new();
-        }
-        (0..count)
-            .map(|k| {
-                let u = (k as f64 + rng.random::<f64>()) / count as f64 * total;
-                let i = cumulative.partition_point(|&c| c <= u).min(self.radiance.len() - 1);
-                let (wi, colour) = (cell(i), self.radiance[i]);
-                let mean = colour.iter().sum::<f32>() / 3.0;
-                // Each light adds the same irradiance to the plane: perpendicular to wi that is more by 1/cos.
-                let share = irradiance / count as f32 / wi[2].max(1e-3) / mean.max(1e-12);
-                Light::Directional { wi, irradiance: scaled(colour, share) }
-            })
-            .collect()
-    }
-}
-
-fn direction(row: usize, column: usize, rows: usize, columns: usize) -> [f32; 3] {
-    let polar = (row as f32 + 0.5) / rows as f32 * std::f32::consts::PI;
-    let azimuth = (column as f32 + 0.5) / columns as f32 * std::f32::consts::TAU;
-    [azimuth.cos() * polar.sin(), azimuth.sin() * polar.sin(), polar.cos()]
-}
-
-/// Why an environment can't be used.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum EnvironmentError {
-    /// The number of values doesn't fit the size.
-    #[error("an environment of {rows}×{columns} pixels needs {} values and at least one, found {found}", rows * columns)]
-    Size {
-        /// Rows announced.
-        rows: usize,
-        /// Columns announced.
-        columns: usize,
-        /// Values found.
-        found: usize,
-    },
-    /// A value is negative or not finite.
-    #[error(
-        "the environment's pixel at row {row}, column {column} is negative or not finite; expected linear radiance of at \
-         least 0: store the picture as EXR or Radiance HDR without such pixels"
-    )]
-    Value {
-        /// Row of the first such value.
-        row: usize,
-        /// Its column.
-        column: usize,
-    },
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::SeedableRng;
-    use rand_chacha::ChaCha8Rng;
 
     #[test]
     fn a_flash_falls_off_with_distance_and_angle() {
@@ -219,29 +109,5 @@ mod tests {
             assert!((both - lobe(sun)[c] - lobe(lamp)[c]).abs() < 1e-6);
         }
         assert!(lobe(sun)[2] >= 0.8 && lobe(lamp)[1] == 0.0);
-    }
-
-    #[test]
-    fn an_environment_keeps_its_irradiance_and_its_side() {
-        let mut radiance = vec![[0.0; 3]; 16 * 32];
-        radiance[4 * 32 + 7] = [3.0, 2.0, 1.0]; // one bright window above the plane
-        radiance[12 * 32 + 1] = [9.0; 3]; // below it: must not matter
-        let environment = Environment::new(16, 32, radiance).unwrap();
-        let lights = environment.lights(8, 0.3, &mut ChaCha8Rng::seed_from_u64(1));
-        let mut plane = [0.0; 3];
-        for light in &lights {
-            let Incident { wi, irradiance } = light.incident([0.0; 3]);
-            assert!(wi[2] > 0.0 && wi[0] > 0.0 && wi[1] > 0.0);
-            (0..3).for_each(|c| plane[c] += wi[2] * irradiance[c]);
-        }
-        assert!((plane.iter().sum::<f32>() / 3.0 - 0.3).abs() < 1e-5 && (plane[0] / plane[2] - 3.0).abs() < 1e-4);
-        assert_eq!(lights, environment.lights(8, 0.3, &mut ChaCha8Rng::seed_from_u64(1)));
-        assert!(Environment::new(1, 1, vec![[0.0; 3]]).unwrap().lights(4, 1.0, &mut ChaCha8Rng::seed_from_u64(1)).is_empty());
-        assert_eq!(Environment::new(2, 2, vec![]).unwrap_err(), EnvironmentError::Size { rows: 2, columns: 2, found: 0 });
-        assert!(Environment::new(1, 1, vec![[f32::NAN; 3]]).is_err());
-        assert_eq!(
-            Environment::sky(&mut ChaCha8Rng::seed_from_u64(3)).lights(16, 1.0, &mut ChaCha8Rng::seed_from_u64(1)).len(),
-            16
-        );
     }
 }

@@ -54,7 +54,7 @@ fn clips_that_cannot_be_read() {
             },
             "clip …",
             1,
-            &["002.png", "not a PNG, JPEG or EXR", "convert"],
+            &["002.png", "not a PNG, JPEG, EXR or HDR", "convert"],
         ),
         case(
             "NaN in an EXR",

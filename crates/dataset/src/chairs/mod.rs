@@ -184,7 +184,7 @@ impl Scene {
         let layers = layers.collect();
         let half_view = rng.random_range(0.05..=0.1);
         let height = half_view / rng.random_range(12.5f64..=17.5).to_radians().tan();
-        let lighting = LightConfig { kind: Lighting::FlowExposed, ambient: [0.0; 2] };
+        let lighting = LightConfig { kind: Lighting::FlowExposed, ..LightConfig::default() };
         let drawn = VideoLights::draw(&lighting, height, rng);
         let eyes = std::array::from_fn(|_| {
             // The hand moves and tilts: highlights and fall-off shift from image to image, independent of any texture.

@@ -1,9 +1,10 @@
-//! Reading: the bytes of a PNG, JPEG or EXR file to a [`Picture`].
+//! Reading: the bytes of a PNG, JPEG, EXR or HDR file to a [`Picture`].
 
 use std::io::Cursor;
 use std::path::Path;
 
 use exr::prelude::{FlatSamples, MetaData, ReadChannels, ReadLayers, read as read_exr};
+use image::codecs::hdr::HdrDecoder;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
 use super::{ImageError, MAX_SIDE, Picture, Samples};
@@ -13,6 +14,7 @@ const MAX_DECODER_BYTES: u64 = (MAX_SIDE * MAX_SIDE * 4 * 2 + (64 << 20)) as u64
 
 const PNG_START: &[u8] = b"\x89PNG\r\n\x1a\n";
 const JPEG_START: &[u8] = b"\xff\xd8\xff";
+const HDR_START: &[u8] = b"#?R";
 const EXR_START: &[u8] = b"\x76\x2f\x31\x01";
 
 pub(super) fn read(path: &Path) -> Result<Picture, ImageError> {
@@ -35,19 +37,34 @@ pub(super) fn read(path: &Path) -> Result<Picture, ImageError> {
         }
         return decode_integers(path, &bytes, ImageFormat::Jpeg, "JPEG");
     }
+    if bytes.starts_with(HDR_START) {
+        return decode_hdr(path, &bytes);
+    }
     let start = bytes[..bytes.len().min(8)].escape_ascii().to_string();
     Err(ImageError::Format { path: path.into(), start })
 }
 
+fn failed(path: &Path, format: &'static str, error: &image::ImageError) -> ImageError {
+    let reason = error.to_string();
+    if ["unexpected end", "UnexpectedEof", "failed to fill"].iter().any(|end| reason.contains(end)) {
+        ImageError::Truncated { path: path.into(), format }
+    } else {
+        ImageError::Decode { path: path.into(), format, reason }
+    }
+}
+
+fn decode_hdr(path: &Path, bytes: &[u8]) -> Result<Picture, ImageError> {
+    let fail = |error: image::ImageError| failed(path, "HDR", &error);
+    let decoder = HdrDecoder::new(Cursor::new(bytes)).map_err(fail)?;
+    let (width, height) = decoder.dimensions();
+    let (width, height) = (width as usize, height as usize);
+    check_size(path, width, height)?;
+    let values = DynamicImage::from_decoder(decoder).map_err(fail)?.into_rgb32f().into_raw();
+    Ok(Picture { width, height, channels: 3, samples: Samples::Linear(values) })
+}
+
 fn decode_integers(path: &Path, bytes: &[u8], format: ImageFormat, name: &'static str) -> Result<Picture, ImageError> {
-    let fail = |error: image::ImageError| {
-        let reason = error.to_string();
-        if reason.contains("unexpected end") || reason.contains("UnexpectedEof") || reason.contains("failed to fill") {
-            ImageError::Truncated { path: path.into(), format: name }
-        } else {
-            ImageError::Decode { path: path.into(), format: name, reason }
-        }
-    };
+    let fail = |error: image::ImageError| failed(path, name, &error);
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     let mut limits = Limits::default();
     limits.max_alloc = Some(MAX_DECODER_BYTES);

@@ -26,7 +26,7 @@ pub enum ImageError {
         source: std::io::Error,
     },
     /// Another kind of file.
-    #[error("{path}: not a PNG, JPEG or EXR image (its first bytes are {start}); convert it to one of these")]
+    #[error("{path}: not a PNG, JPEG, EXR or HDR image (its first bytes are {start}); convert it to one of these")]
     Format {
         /// The file.
         path: PathBuf,
@@ -38,7 +38,7 @@ pub enum ImageError {
     Truncated {
         /// The file.
         path: PathBuf,
-        /// PNG, JPEG or EXR.
+        /// PNG, JPEG, EXR or HDR.
         format: &'static str,
     },
     /// The decoder gave up.
@@ -46,7 +46,7 @@ pub enum ImageError {
     Decode {
         /// The file.
         path: PathBuf,
-        /// PNG, JPEG or EXR.
+        /// PNG, JPEG, EXR or HDR.
         format: &'static str,
         /// The decoder's words.
         reason: String,

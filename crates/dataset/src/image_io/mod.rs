@@ -1,4 +1,4 @@
-//! Image files in and out: PNG, JPEG and EXR, with the stored encoding kept as a type until a reader decides what it means.
+//! Image files in and out (PNG, JPEG, EXR; Radiance HDR only in), with the stored encoding kept as a type until a reader decides what it means.
 //!
 //! Files are written whole or not at all (a temporary file in the same folder, then a rename), and never over another
 //! file unless that is asked for.
@@ -24,7 +24,7 @@ pub enum Samples {
     Eight(Vec<u8>),
     /// 16-bit integers, usually encoded (sRGB) for colours.
     Sixteen(Vec<u16>),
-    /// Floats of an EXR: linear by that format's definition, all finite.
+    /// Floats of an EXR or HDR: linear by these formats' definition, all finite.
     Linear(Vec<f32>),
 }
 
@@ -54,7 +54,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// Reads a PNG, JPEG or EXR file, told apart by content. Photos are turned upright (EXIF orientation).
+    /// Reads a PNG, JPEG, EXR or HDR file, told apart by content. Photos are turned upright (EXIF orientation).
     ///
     /// # Errors
     /// A missing, empty, truncated, oversized or foreign file, and NaN or infinity in an EXR, each by its own

@@ -166,7 +166,7 @@ impl Augmentation {
     }
 
     /// Where a place of the augmented grid lies in the source's grid.
-    #[inline]
+    #[inline(always)]
     pub fn to_source(&self, tx: f32, ty: f32) -> (f32, f32) {
         let last = (GRID - 1) as f32;
         let (x, y) = if self.transpose { (ty, tx) } else { (tx, ty) };
@@ -174,7 +174,7 @@ impl Augmentation {
     }
 
     /// A direction of the source's tangent frame, seen in the augmented material.
-    #[inline]
+    #[inline(always)]
     pub fn direction_from_source(&self, [x, y, z]: [f32; 3]) -> [f32; 3] {
         let x = if self.flip_x { -x } else { x };
         let y = if self.flip_y { -y } else { y };
@@ -220,7 +220,7 @@ impl AugmentedMaterial {
     }
 
     /// The augmented reflectance at a place of the grid; see [`Material::sample`] for units.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, tx: f32, ty: f32, footprint: f32) -> Texel {
         let augmentation = &self.augmentation;
         let (x, y) = augmentation.to_source(tx, ty);

@@ -208,7 +208,7 @@ impl Material {
     /// # Units
     /// `tx`, `ty`: texels of the virtual [`GRID`] over [−1, 1]² (`tx = (X+1)/2·GRID − 0.5`, `ty = (1−Y)/2·GRID − 0.5`), any
     /// value: the tile goes on for ever. `footprint`: width of a pixel in texels of the same grid.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, tx: f32, ty: f32, footprint: f32) -> Texel {
         let x = (tx + 0.5) * self.scale - 0.5;
         let y = (ty + 0.5) * self.scale - 0.5;

@@ -3,8 +3,11 @@
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, LogNormal};
 use render::camera::Camera;
-use render::light::{Environment, Light};
+use render::environment::Environment;
+use render::light::Light;
 use serde::{Deserialize, Serialize};
+
+use super::environment::EnvironmentMaps;
 
 /// Intensity of the flash at the reference height (§4).
 const INTENSITY: f64 = 0.1;
@@ -37,7 +40,7 @@ pub enum Lighting {
 }
 
 /// What the lights of a video are drawn from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LightConfig {
     /// Flash and second light.
@@ -45,6 +48,9 @@ pub struct LightConfig {
     /// Range of the environment's irradiance as a share of the flash's at the frame centre (Table 5: 0.01 to 0.2);
     /// \[0, 0\] is the paper's dark room.
     pub ambient: [f64; 2],
+    /// Where environments come from when there is `ambient` light: a lat-long EXR or Radiance HDR file, or a folder of such
+    /// (z up), each turned at random; generated skies when empty.
+    pub environments: EnvironmentMaps,
 }
 
 /// The lights of one video. The flash moves with the camera, the others rest.
@@ -60,6 +66,9 @@ pub struct VideoLights {
 
 impl VideoLights {
     /// Draws the lights of a video whose camera hovers at `height` (d0).
+    ///
+    /// # Panics
+    /// If environment files can't be read: [`EnvironmentMaps::load`] says so before.
     pub fn draw(config: &LightConfig, height: f64, rng: &mut impl Rng) -> Self {
         let exponent = log_normal(EXPONENT_LOG.0.exp(), EXPONENT_LOG.1, rng);
         let factor = log_normal(1.0, FACTOR_LOG_SPREAD, rng);
@@ -74,7 +83,8 @@ impl VideoLights {
         let ambient = low + rng.random_range(0.0..=1.0) * (high - low);
         if ambient > 0.0 {
             let irradiance = (ambient * intensity / (height * height)) as f32;
-            resting.extend(Environment::sky(rng).lights(ENVIRONMENT_LIGHTS, irradiance, rng));
+            let environment = config.environments.draw(rng).unwrap_or_else(|| Environment::sky(rng));
+            resting.extend(environment.lights(ENVIRONMENT_LIGHTS, irradiance, rng));
         }
         Self { intensity: intensity as f32, exponent: exponent as f32, resting }
     }
@@ -116,7 +126,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     fn drawn(kind: Lighting, height: f64) -> Vec<VideoLights> {
-        let config = LightConfig { kind, ambient: [0.0; 2] };
+        let config = LightConfig { kind, ..LightConfig::default() };
         (0..400).map(|s| VideoLights::draw(&config, height, &mut ChaCha8Rng::seed_from_u64(s))).collect()
     }
 
@@ -151,7 +161,7 @@ mod tests {
 
     #[test]
     fn the_environment_adds_its_share_of_the_flash_at_the_frame_centre() {
-        let config = LightConfig { kind: Lighting::Svbrdf, ambient: [0.2, 0.2] };
+        let config = LightConfig { ambient: [0.2, 0.2], ..LightConfig::default() };
         let lights = VideoLights::draw(&config, 0.3, &mut ChaCha8Rng::seed_from_u64(4));
         let on_plane = |light: &Light| {
             let incident = light.incident([0.0; 3]);

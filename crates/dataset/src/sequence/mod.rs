@@ -4,6 +4,7 @@
 //! (seed, video, frame index, resolution): the order of requests and the number of threads change nothing, and a crop of
 //! a frame is rendered alone yet equals the same rectangle of the whole frame.
 
+pub mod environment;
 pub mod lights;
 mod noise;
 pub mod sensor;
@@ -13,6 +14,7 @@ mod warp;
 use std::sync::Arc;
 
 use ops::homography::Homography;
+use ops::kernel::vectorise::vectorised;
 use ops::planes::{Mask, Planes};
 use rand::RngExt;
 use rayon::prelude::*;
@@ -28,6 +30,7 @@ use crate::path::line::LineOrder;
 use crate::path::{CameraPath, PathConfig, PathError};
 use crate::stream::Stream;
 
+use environment::EnvironmentMapsError;
 use lights::{LightConfig, Lighting, VideoLights};
 pub(crate) use noise::PixelNoise;
 use sensor::{BLOCK, SensorConfig, SensorError, VideoSensor, compressed};
@@ -57,7 +60,7 @@ impl Default for SequenceConfig {
 }
 
 /// A value of [`SequenceConfig`] out of its range.
-#[derive(Debug, PartialEq, thiserror::Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum SequenceConfigError {
     /// In the path.
     #[error(transparent)]
@@ -68,6 +71,9 @@ pub enum SequenceConfigError {
     /// In the light.
     #[error("light.ambient is {0:?}; expected [low, high] with 0 ≤ low ≤ high ≤ 10, a share of the flash")]
     Ambient([f64; 2]),
+    /// In the files of the light.
+    #[error(transparent)]
+    Environment(#[from] EnvironmentMapsError),
     /// In the noise.
     #[error("noise_scale is {0}; expected a factor, 0 to 100")]
     Noise(f32),
@@ -98,7 +104,7 @@ impl SequenceConfig {
         Self {
             path: PathConfig::default(),
             augment: AugmentConfig { perlin: 0.0, ..AugmentConfig::default() },
-            light: LightConfig { kind: Lighting::Flow, ambient: [0.0; 2] },
+            light: LightConfig { kind: Lighting::Flow, ..LightConfig::default() },
             noise_scale: 1.0,
             sensor: SensorConfig::default(),
         }
@@ -115,6 +121,7 @@ impl SequenceConfig {
         if !(0.0 <= low && low <= high && high <= 10.0) {
             return Err(SequenceConfigError::Ambient(self.light.ambient));
         }
+        self.light.environments.load()?;
         if !(0.0..=100.0).contains(&self.noise_scale) {
             return Err(SequenceConfigError::Noise(self.noise_scale));
         }
@@ -230,7 +237,7 @@ impl Sequence {
     /// A rectangle of a frame before compression.
     fn exposed(&self, frame: usize, res: usize, corner: [usize; 2], size: [usize; 2]) -> Planes {
         let (noise, balance) = (self.noise(frame), self.sensor.white_balance_gains(self.share(frame)));
-        let light = self.radiance_crop(frame, res, corner, size, |y, x, light| {
+        let light = self.radiance_crop(frame, res, corner, size, #[inline(always)] |y, x, light| {
             let noise = noise.at(y, x);
             std::array::from_fn(|c| balance[c] * (light[c] + noise[c]))
         });
@@ -268,7 +275,7 @@ impl Sequence {
             delays.iter().map(|d| Instant::new(&geometry.camera(delay + d), res, &self.lights)).collect::<Vec<_>>()
         });
         let exposure = self.sensor.exposure_gain(self.share(frame)) / delays.len() as f32;
-        rendered(height, width, |y, x| {
+        rendered(height, width, #[inline(always)] |y, x| {
             let instants = row(&rows, y);
             let (y, x) = (y + y0, x + x0);
             let (u, v) = geometry.undistorted(x as f64, y as f64);
@@ -325,9 +332,14 @@ pub(crate) fn rendered(height: usize, width: usize, pixel: impl Fn(usize, usize)
     let (green, blue) = rest.split_at_mut(height * width);
     let rows = red.par_chunks_mut(width).zip(green.par_chunks_mut(width)).zip(blue.par_chunks_mut(width));
     rows.enumerate().for_each(|(y, ((red, green), blue))| {
-        for (x, ((red, green), blue)) in red.iter_mut().zip(green).zip(blue).enumerate() {
-            [*red, *green, *blue] = pixel(y, x);
-        }
+        vectorised(
+            #[inline(always)]
+            || {
+                for (x, ((red, green), blue)) in red.iter_mut().zip(green).zip(blue).enumerate() {
+                    [*red, *green, *blue] = pixel(y, x);
+                }
+            },
+        );
     });
     image
 }
