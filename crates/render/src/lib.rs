@@ -19,11 +19,12 @@
 //! - Roughness is perceptual r in [0, 1], alpha = r²; albedos are linear.
 //!
 //! # Routes
-//! One meaning, three implementations: [`pixel`] (one pixel, plain `f32`: frames and evaluation), [`shade`] (tensors, any
+//! One meaning, three implementations: [`pixel`] (one pixel, plain `f32`; [`block`] does sixteen of them for frames), [`shade`] (tensors, any
 //! device, differentiable: the readable reference) and [`fused`] (value and gradient of the rendering losses in one pass on
 //! the CPU). Tests hold them together.
 
 mod approximation;
+pub mod block;
 pub mod brdf;
 pub mod camera;
 pub mod direction;

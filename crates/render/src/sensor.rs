@@ -43,10 +43,14 @@ impl Sensor {
         let encoder = Encoder::shared();
         let rows = frame.data.par_chunks_mut(linear.width).zip(linear.data.par_chunks(linear.width));
         rows.enumerate().for_each(|(row, (out, light))| {
+            if self.sigma == 0.0 {
+                out.iter_mut().zip(light).for_each(|(value, &x)| *value = f32::from(encoder.code(x)) / 255.0);
+                return;
+            }
             let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
             rng.set_stream(row as u64);
             for (value, &x) in out.iter_mut().zip(light) {
-                let noise: f32 = if self.sigma > 0.0 { rng.sample(StandardNormal) } else { 0.0 };
+                let noise: f32 = rng.sample(StandardNormal);
                 *value = f32::from(encoder.code(x + self.sigma * noise)) / 255.0;
             }
         });

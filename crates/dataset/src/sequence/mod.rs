@@ -18,9 +18,10 @@ use ops::kernel::vectorise::vectorised;
 use ops::planes::{Mask, Planes};
 use rand::RngExt;
 use rayon::prelude::*;
+use render::block::{LANES, Lane, TexelBlock};
 use render::brdf::BrdfModel;
 use render::camera::Camera;
-use render::light::{Light, radiance};
+use render::light::Light;
 use render::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 
@@ -237,10 +238,17 @@ impl Sequence {
     /// A rectangle of a frame before compression.
     fn exposed(&self, frame: usize, res: usize, corner: [usize; 2], size: [usize; 2]) -> Planes {
         let (noise, balance) = (self.noise(frame), self.sensor.white_balance_gains(self.share(frame)));
-        let light = self.radiance_crop(frame, res, corner, size, #[inline(always)] |y, x, light| {
-            let noise = noise.at(y, x);
-            std::array::from_fn(|c| balance[c] * (light[c] + noise[c]))
-        });
+        let light = self.radiance_crop(
+            frame,
+            res,
+            corner,
+            size,
+            #[inline(always)]
+            |y, x, light| {
+                let noise = noise.at(y, x);
+                std::array::from_fn(|c| balance[c] * (light[c] + noise[c]))
+            },
+        );
         Sensor::noiseless().expose(&light)
     }
 
@@ -275,20 +283,29 @@ impl Sequence {
             delays.iter().map(|d| Instant::new(&geometry.camera(delay + d), res, &self.lights)).collect::<Vec<_>>()
         });
         let exposure = self.sensor.exposure_gain(self.share(frame)) / delays.len() as f32;
-        rendered(height, width, #[inline(always)] |y, x| {
-            let instants = row(&rows, y);
-            let (y, x) = (y + y0, x + x0);
-            let (u, v) = geometry.undistorted(x as f64, y as f64);
-            let mut sum = [0.0; 3];
-            for Instant { view, lights, eye } in instants {
-                let seen = view.at(u, v);
-                let texel = self.surface.sample(seen.tx, seen.ty, seen.footprint);
-                let light = radiance(&texel, [seen.x, seen.y, 0.0], *eye, lights, BrdfModel::default());
-                (0..3).for_each(|c| sum[c] += light[c]);
-            }
-            let gain = exposure * self.sensor.vignetting.gain(x, y, res);
-            read(y, x, sum.map(|light| gain * light))
-        })
+        by_rows(
+            [height, width],
+            #[inline(always)]
+            |y, [red, green, blue]| {
+                let instants = row(&rows, y);
+                for first in (0..width).step_by(LANES) {
+                    // Past the row's end the last pixel is repeated.
+                    let column = |k: usize| x0 + (first + k).min(width - 1);
+                    let pixels: [_; LANES] = std::array::from_fn(|k| geometry.undistorted(column(k) as f64, (y + y0) as f64));
+                    let mut sum = [[0.0; LANES]; 3];
+                    for Instant { view, lights, eye } in instants {
+                        let seen = view.block(&pixels);
+                        let texels = seen.sample(&self.surface);
+                        texels.add_radiance([&seen.x, &seen.y], *eye, lights, BrdfModel::default(), &mut sum);
+                    }
+                    for k in 0..LANES.min(width - first) {
+                        let gain = exposure * self.sensor.vignetting.gain(column(k), y + y0, res);
+                        let light = read(y + y0, column(k), [gain * sum[0][k], gain * sum[1][k], gain * sum[2][k]]);
+                        (red[first + k], green[first + k], blue[first + k]) = (light[0], light[1], light[2]);
+                    }
+                }
+            },
+        )
     }
 
     /// The map from pixels of frame `target` to those of frame `source` that show the same point, as pinhole cameras at the
@@ -327,6 +344,15 @@ fn row<T>(rows: &[T], index: usize) -> &T {
 
 /// Fills 3 planes from a function of (row, column), rows in parallel.
 pub(crate) fn rendered(height: usize, width: usize, pixel: impl Fn(usize, usize) -> [f32; 3] + Sync) -> Planes {
+    by_rows([height, width], |y, [red, green, blue]| {
+        for (x, ((red, green), blue)) in red.iter_mut().zip(green).zip(blue).enumerate() {
+            [*red, *green, *blue] = pixel(y, x);
+        }
+    })
+}
+
+/// Fills 3 planes from a function that fills a row of each, rows in parallel, with the vectors that the processor has.
+fn by_rows([height, width]: [usize; 2], fill: impl Fn(usize, [&mut [f32]; 3]) + Sync) -> Planes {
     let mut image = Planes::new(3, height, width);
     let (red, rest) = image.data.split_at_mut(height * width);
     let (green, blue) = rest.split_at_mut(height * width);
@@ -334,11 +360,7 @@ pub(crate) fn rendered(height: usize, width: usize, pixel: impl Fn(usize, usize)
     rows.enumerate().for_each(|(y, ((red, green), blue))| {
         vectorised(
             #[inline(always)]
-            || {
-                for (x, ((red, green), blue)) in red.iter_mut().zip(green).zip(blue).enumerate() {
-                    [*red, *green, *blue] = pixel(y, x);
-                }
-            },
+            || fill(y, [red, green, blue]),
         );
     });
     image
@@ -363,16 +385,16 @@ struct View {
     determinant: f64,
 }
 
-/// What a pixel shows.
+/// What the pixels of a block show.
 struct Seen {
     /// World x, y.
-    x: f32,
-    y: f32,
-    /// The same place on the texel grid.
-    tx: f32,
-    ty: f32,
-    /// Width of the pixel in texels of the grid.
-    footprint: f32,
+    x: Lane,
+    y: Lane,
+    /// The same places on the texel grid.
+    tx: Lane,
+    ty: Lane,
+    /// Widths of the pixels in texels of the grid.
+    footprint: Lane,
 }
 
 impl View {
@@ -383,21 +405,35 @@ impl View {
     }
 
     #[inline(always)]
-    fn at(&self, x: f64, y: f64) -> Seen {
+    fn block(&self, pixels: &[(f64, f64); LANES]) -> Seen {
         const HALF: f64 = GRID as f64 / 2.0;
-        let row = |r: usize| self.matrix[r][0] * x + self.matrix[r][1] * y + self.matrix[r][2];
-        // A pixel at or above the horizon shows a point very far away, in the mean colour of the coarsest level.
-        let scale = 1.0 / row(2).max(1e-6);
-        let (x, y) = (row(0) * scale, row(1) * scale);
-        // The map's Jacobian determinant is det(M)/w³: the area of the pixel on the material.
-        let area = (self.determinant * scale * scale * scale) as f32;
-        Seen {
-            x: x as f32,
-            y: y as f32,
-            tx: ((x + 1.0) * HALF - 0.5) as f32,
-            ty: ((1.0 - y) * HALF - 0.5) as f32,
-            footprint: area.sqrt() * HALF as f32,
+        let zero = [0.0; LANES];
+        let mut seen = Seen { x: zero, y: zero, tx: zero, ty: zero, footprint: zero };
+        for (k, &(u, v)) in pixels.iter().enumerate() {
+            let row = |r: usize| self.matrix[r][0] * u + self.matrix[r][1] * v + self.matrix[r][2];
+            // A pixel at or above the horizon shows a point very far away, in the mean colour of the coarsest level.
+            let scale = 1.0 / row(2).max(1e-6);
+            let (x, y) = (row(0) * scale, row(1) * scale);
+            // The map's Jacobian determinant is det(M)/w³: the area of the pixel on the material.
+            let area = (self.determinant * scale * scale * scale) as f32;
+            seen.x[k] = x as f32;
+            seen.y[k] = y as f32;
+            seen.tx[k] = ((x + 1.0) * HALF - 0.5) as f32;
+            seen.ty[k] = ((1.0 - y) * HALF - 0.5) as f32;
+            seen.footprint[k] = area.sqrt() * HALF as f32;
         }
+        seen
+    }
+}
+
+impl Seen {
+    #[inline(always)]
+    fn sample(&self, surface: &AugmentedMaterial) -> TexelBlock {
+        let mut texels = TexelBlock::default();
+        for k in 0..LANES {
+            texels.set(k, &surface.sample(self.tx[k], self.ty[k], self.footprint[k]));
+        }
+        texels
     }
 }
 

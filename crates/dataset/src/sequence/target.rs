@@ -2,8 +2,9 @@
 
 use ops::planes::Planes;
 use rayon::prelude::*;
-use render::svbrdf::SvbrdfImage;
-use render::texel::Texel;
+use render::block::LANES;
+use render::direction::dot;
+use render::svbrdf::{CHANNELS, SvbrdfImage};
 
 use super::{Sequence, View, by_row, row};
 
@@ -13,27 +14,34 @@ impl Sequence {
     pub fn target_maps(&self, frame: usize, res: usize) -> SvbrdfImage {
         let (geometry, rotation) = (self.geometry(frame, res), self.camera(frame).normal_to_camera());
         let views = by_row(&geometry, [0, res], |delay| View::new(&geometry.camera(delay), res));
-        let texels: Vec<Texel> = (0..res * res)
-            .into_par_iter()
-            .with_min_len(res)
-            .map(|i| {
-                let (x, y) = geometry.undistorted((i % res) as f64, (i / res) as f64);
-                let seen = row(&views, i / res).at(x, y);
-                self.surface.sample(seen.tx, seen.ty, seen.footprint)
-            })
-            .collect();
-        let plane = |value: &(dyn Fn(&Texel) -> f32 + Sync)| texels.iter().map(value).collect::<Vec<f32>>();
-        let three = |value: &(dyn Fn(&Texel, usize) -> f32 + Sync)| {
-            let data = (0..3).flat_map(|c| plane(&|t| value(t, c))).collect();
-            Planes::from_vec(3, res, res, data)
+        let mut rows = vec![0.0; res * CHANNELS * res];
+        rows.par_chunks_mut(CHANNELS * res).enumerate().for_each(|(y, out)| {
+            let view = row(&views, y);
+            for first in (0..res).step_by(LANES) {
+                let pixels = std::array::from_fn(|k| geometry.undistorted((first + k).min(res - 1) as f64, y as f64));
+                let seen = view.block(&pixels);
+                for k in 0..LANES.min(res - first) {
+                    let texel = self.surface.sample(seen.tx[k], seen.ty[k], seen.footprint[k]);
+                    let normal = rotation.map(|axis| dot(texel.normal, axis));
+                    let mut set = |c: usize, value: f32| out[c * res + first + k] = value;
+                    for c in 0..3 {
+                        set(c, normal[c]);
+                        set(3 + c, texel.diffuse[c]);
+                        set(7 + c, texel.specular[c]);
+                    }
+                    set(6, texel.roughness);
+                }
+            }
+        });
+        let map = |channels: std::ops::Range<usize>| {
+            let mut planes = Planes::new(channels.len(), res, res);
+            for (i, out) in planes.data.chunks_exact_mut(res).enumerate() {
+                let (c, y) = (channels.start + i / res, i % res);
+                out.copy_from_slice(&rows[(y * CHANNELS + c) * res..][..res]);
+            }
+            planes
         };
-        let rotated = |n: [f32; 3], row: [f32; 3]| n[0] * row[0] + n[1] * row[1] + n[2] * row[2];
-        SvbrdfImage {
-            normal: three(&|t, c| rotated(t.normal, rotation[c])),
-            diffuse: three(&|t, c| t.diffuse[c]),
-            roughness: Planes::from_vec(1, res, res, plane(&|t| t.roughness)),
-            specular: three(&|t, c| t.specular[c]),
-        }
+        SvbrdfImage { normal: map(0..3), diffuse: map(3..6), roughness: map(6..7), specular: map(7..10) }
     }
 }
 

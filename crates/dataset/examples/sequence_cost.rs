@@ -1,0 +1,102 @@
+//! Prints what a synthetic video costs, beside what the machine can do:
+//! `cargo run -p dataset --example sequence_cost`.
+//!
+//! One video is 141 frames of 256², the exact flow from its first frame to every other, and 20 sets of target maps, from a
+//! material of 4096² texels. Then frames, resolution and material grow fourfold, one at a time.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use dataset::material::{Material, MaterialInfo, Precision, Wrap};
+use dataset::path::PathConfig;
+use dataset::sequence::{Sequence, SequenceConfig};
+use dataset::stream::Stream;
+use ops::kernel::peak::Peak;
+use render::direction::unit;
+use render::texel::Texel;
+
+/// Times of one video in seconds.
+#[derive(Clone, Copy)]
+struct Cost {
+    frames: f64,
+    flow: f64,
+    targets: f64,
+}
+
+impl Cost {
+    fn total(&self) -> f64 {
+        self.frames + self.flow + self.targets
+    }
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    const ROUNDS: usize = 5;
+    println!("{}\n", Peak::measure());
+    println!("| material | frames | side | material MB | frames s | flow s | targets s | all s | frames/s | most memory MB |");
+    println!("|---|---|---|---|---|---|---|---|---|---|");
+    for (texels, rate, side) in [(4096, 1.0, 256), (1024, 1.0, 256), (4096, 4.0, 256), (4096, 1.0, 512)] {
+        let material = material(texels)?;
+        let video = video(&material, rate);
+        let mut costs: Vec<Cost> = (0..ROUNDS).map(|_| cost(&video, side)).collect();
+        costs.sort_by(|a, b| a.total().total_cmp(&b.total()));
+        let Cost { frames, flow, targets } = costs[ROUNDS / 2];
+        let (all, count) = (frames + flow + targets, video.len());
+        println!(
+            "| {texels}² | {count} | {side}² | {} | {frames:.2} | {flow:.2} | {targets:.2} | {all:.2} | {:.0} | {} |",
+            material.bytes() / 1_000_000,
+            count as f64 / all,
+            most_memory_mb()
+        );
+    }
+    Ok(())
+}
+
+/// As many frames as the path has; videos are drawn as in training.
+fn video(material: &Arc<Material>, frame_rate: f64) -> Sequence {
+    let path = PathConfig { frame_rate, ..PathConfig::default() };
+    let config = SequenceConfig { path, ..SequenceConfig::svbrdf() };
+    Sequence::new(Arc::clone(material), &config, &Stream::new(7), 1)
+}
+
+fn cost(video: &Sequence, side: usize) -> Cost {
+    let timed = |work: &dyn Fn()| {
+        let began = Instant::now();
+        work();
+        began.elapsed().as_secs_f64()
+    };
+    Cost {
+        frames: timed(&|| (0..video.len()).for_each(|i| drop(video.frame(i, side)))),
+        flow: timed(&|| (1..video.len()).for_each(|i| drop(video.flow(0, i, side)))),
+        targets: timed(&|| (0..20).for_each(|i| drop(video.target_maps(i, side)))),
+    }
+}
+
+/// Waves in every map, so that no texel is like its neighbour.
+fn material(size: usize) -> Result<Arc<Material>, Box<dyn std::error::Error>> {
+    let info = MaterialInfo {
+        name: "waves".into(),
+        identity: "waves".into(),
+        source: "benchmark".into(),
+        licence: "CC0-1.0".into(),
+        textured: Some(true),
+        wrap: Wrap::Repeat,
+        texels: 4096,
+    };
+    let texel = |x: usize, y: usize| {
+        let wave = |a: usize, b: usize| ((a * x + b * y) % size) as f32 / size as f32;
+        Texel {
+            normal: unit([wave(37, 11) - 0.5, wave(13, 29) - 0.5, 1.0]),
+            diffuse: [wave(17, 3), wave(5, 23), wave(41, 2)],
+            roughness: 0.2 + 0.6 * wave(7, 19),
+            specular: [0.04 + 0.3 * wave(3, 31), 0.05, 0.06],
+        }
+    };
+    Ok(Arc::new(Material::build(info, size, size, Precision::Eight, texel)?))
+}
+
+/// The most memory that this process has held; 0 where the system doesn't tell.
+fn most_memory_mb() -> usize {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    line.and_then(|v| v.trim().trim_end_matches("kB").trim().parse::<usize>().ok()).map_or(0, |kb| kb / 1000)
+}
