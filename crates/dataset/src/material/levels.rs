@@ -153,19 +153,19 @@ fn spans(source: usize, target: usize) -> Vec<impl Iterator<Item = (usize, f32)>
         .collect()
 }
 
-/// Where a pitch, in texels of the finest level, lies in the whole chain: the binary logarithm of the finer of the two texel
-/// sizes around it, and the weight of the coarser one.
+/// Where a footprint lies in the whole chain: the binary logarithm of the finer of the two texel sizes around it, and the
+/// weight of the coarser one.
 #[inline(always)]
-pub(crate) fn octave_of(pitch: f32, levels: usize) -> (usize, f32) {
+pub(crate) fn octave_of(footprint: f32, levels: usize) -> (usize, f32) {
     // Exponent and mantissa of the float are the logarithm's whole part and its (piecewise linear) fraction.
-    let bits = pitch.to_bits();
+    let bits = footprint.to_bits();
     let octave = ((bits >> 23) as i32 - 127) as usize;
     let fraction = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000) - 1.0;
     let last = LEVEL_LOG2[levels - 1] as usize;
     if octave < last { (octave, fraction) } else { (last, 0.0) }
 }
 
-/// The sample of a pitch of 4 texels or more. Out of line: frames of a scan at 256² hardly ever need it.
+/// The sample of a footprint of 4 texels or more. Out of line: frames of a scan at 256² hardly ever need it.
 #[inline(never)]
 pub(crate) fn coarse<T: Stored>(levels: &[Level<T>], (octave, weight): (usize, f32), x: f32, y: f32, wrap: Wrap) -> Lanes {
     let mut lanes = sampled(levels, octave, x, y, wrap);

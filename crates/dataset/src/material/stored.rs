@@ -15,11 +15,6 @@ pub const MAX_BYTES: usize = 200_000_000;
 /// Longest side of a tile that comes from files: the grid has no more texels, and [`MAX_BYTES`] is made for it.
 pub const MAX_STORED_SIDE: usize = GRID;
 
-/// Pitch of the mip level that a pixel reads, in widths of the pixel. A level's texels are means over a box of their pitch p
-/// (variance p²/12), and interpolation between them is a triangle (p²/6); together they blur like a box of √3·p, which has to
-/// be the pixel.
-const PITCH_PER_PIXEL: f32 = 0.577_350_3;
-
 /// How a tile continues beyond its edge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -203,7 +198,7 @@ impl Material {
 
     /// The reflectance at a place of the grid, averaged over a pixel's footprint.
     ///
-    /// Up to √3 texels per pixel it interpolates bilinearly between the finest texels; above, between mip levels too.
+    /// Below one texel per pixel it interpolates bilinearly between the finest texels; above, between mip levels too.
     ///
     /// # Units
     /// `tx`, `ty`: texels of the virtual [`GRID`] over [−1, 1]² (`tx = (X+1)/2·GRID − 0.5`, `ty = (1−Y)/2·GRID − 0.5`), any
@@ -212,10 +207,10 @@ impl Material {
     pub fn sample(&self, tx: f32, ty: f32, footprint: f32) -> Texel {
         let x = (tx + 0.5) * self.scale - 0.5;
         let y = (ty + 0.5) * self.scale - 0.5;
-        let pitch = footprint * self.scale * PITCH_PER_PIXEL;
+        let footprint = footprint * self.scale;
         let lanes = match &self.levels {
-            Levels::Eight(levels) => filtered(levels, x, y, pitch, self.info.wrap),
-            Levels::Sixteen(levels) => filtered(levels, x, y, pitch, self.info.wrap),
+            Levels::Eight(levels) => filtered(levels, x, y, footprint, self.info.wrap),
+            Levels::Sixteen(levels) => filtered(levels, x, y, footprint, self.info.wrap),
         };
         texel_of(&lanes)
     }
@@ -271,11 +266,11 @@ fn bytes(width: usize, height: usize) -> usize {
 }
 
 #[inline(always)]
-fn filtered<T: Stored>(levels: &[Level<T>], x: f32, y: f32, pitch: f32, wrap: Wrap) -> Lanes {
-    if pitch <= 1.0 || pitch.is_nan() {
+fn filtered<T: Stored>(levels: &[Level<T>], x: f32, y: f32, footprint: f32, wrap: Wrap) -> Lanes {
+    if footprint <= 1.0 || footprint.is_nan() {
         return levels[0].bilinear(x, y, wrap);
     }
-    let (octave, weight) = octave_of(pitch, levels.len());
+    let (octave, weight) = octave_of(footprint, levels.len());
     if octave >= 2 {
         return coarse(levels, (octave, weight), x, y, wrap);
     }

@@ -89,11 +89,11 @@ fn a_frame_that_magnifies_texels_is_mitsubas() {
 }
 
 /// Mitsuba averages the light of 1024 points of each pixel. Averaged light from 8 × 8 pixels is the same (measured 0.0012);
-/// a single pixel shades the averaged maps instead, which isn't (measured 0.062 with waves of 6 pixels in every map).
+/// a single pixel shades the averaged maps instead, which isn't (measured 0.086 with waves of 4 to 10 pixels in every map).
 #[test]
 fn a_frame_of_many_texels_per_pixel_differs_by_filtering_alone() {
     assert_error_within(0.002, FAR.mean_relative_error(8));
-    assert_error_within(0.07, FAR.mean_relative_error(1));
+    assert_error_within(0.09, FAR.mean_relative_error(1));
 }
 
 fn assert_error_within(bound: f64, error: f64) {
