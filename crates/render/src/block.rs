@@ -17,10 +17,14 @@ pub type Lane = [f32; LANES];
 /// The reflectance of a block's pixels.
 #[derive(Clone, Debug)]
 pub struct TexelBlock {
-    normal: [Lane; 3],
-    diffuse: [Lane; 3],
-    roughness: Lane,
-    specular: [Lane; 3],
+    /// Unit normals.
+    pub normal: [Lane; 3],
+    /// Linear diffuse albedos.
+    pub diffuse: [Lane; 3],
+    /// Perceptual roughness.
+    pub roughness: Lane,
+    /// Linear specular albedos.
+    pub specular: [Lane; 3],
 }
 
 impl Default for TexelBlock {
@@ -42,8 +46,9 @@ impl TexelBlock {
         self.roughness[k] = texel.roughness;
     }
 
+    /// Pixel `k`.
     #[inline(always)]
-    fn at(&self, k: usize) -> Texel {
+    pub fn at(&self, k: usize) -> Texel {
         let three = |lanes: &[Lane; 3]| [lanes[0][k], lanes[1][k], lanes[2][k]];
         Texel {
             normal: three(&self.normal),

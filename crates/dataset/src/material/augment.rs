@@ -5,6 +5,7 @@
 use std::sync::Arc;
 
 use rand::{Rng, RngExt};
+use render::block::{LANES, Lane, TexelBlock};
 use render::texel::Texel;
 use serde::{Deserialize, Serialize};
 
@@ -222,9 +223,30 @@ impl AugmentedMaterial {
     /// The augmented reflectance at a place of the grid; see [`Material::sample`] for units.
     #[inline(always)]
     pub fn sample(&self, tx: f32, ty: f32, footprint: f32) -> Texel {
+        let (x, y) = self.augmentation.to_source(tx, ty);
+        self.augmented(self.material.sample(x, y, footprint), x, y, footprint)
+    }
+
+    /// [`AugmentedMaterial::sample`] at the places of a block, with the same bits.
+    #[inline(always)]
+    pub fn sample_block(&self, tx: &Lane, ty: &Lane, footprint: &Lane) -> TexelBlock {
         let augmentation = &self.augmentation;
-        let (x, y) = augmentation.to_source(tx, ty);
-        let mut texel = self.material.sample(x, y, footprint);
+        let (mut x, mut y) = (*tx, *ty);
+        for k in 0..LANES {
+            (x[k], y[k]) = augmentation.to_source(tx[k], ty[k]);
+        }
+        let mut texels = self.material.sample_block(&x, &y, footprint);
+        for k in 0..LANES {
+            let texel = self.augmented(texels.at(k), x[k], y[k], footprint[k]);
+            texels.set(k, &texel);
+        }
+        texels
+    }
+
+    /// What the augmentation makes of a texel of the source's grid.
+    #[inline(always)]
+    fn augmented(&self, mut texel: Texel, x: f32, y: f32, footprint: f32) -> Texel {
+        let augmentation = &self.augmentation;
         texel.normal = augmentation.direction_from_source(texel.normal);
         for c in 0..3 {
             texel.diffuse[c] = (texel.diffuse[c] * augmentation.diffuse).min(1.0);

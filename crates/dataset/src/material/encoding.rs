@@ -10,6 +10,8 @@ use render::texel::Texel;
 pub(crate) const STORED: usize = 9;
 /// Numbers that a tap reads: a multiple of the vector width; the last three belong to the next texel.
 pub(crate) const LANES: usize = 12;
+/// Words of 32 bits that hold a texel's numbers, whatever they are stored in.
+pub(crate) const WORDS: usize = STORED.div_ceil(2);
 /// Lane of the diffuse red.
 pub(crate) const DIFFUSE: usize = 0;
 /// Lane of the specular red.
@@ -35,6 +37,12 @@ pub(crate) trait Stored: Copy + Send + Sync + Default + 'static {
     fn widen(self) -> f32;
     /// Rounds and clamps.
     fn narrow(value: f32) -> Self;
+    /// A texel's numbers packed into words of 32 bits, the first in the lowest bits.
+    fn words(tap: &[Self; LANES]) -> [u32; WORDS];
+    /// The word that holds a lane.
+    fn word(lane: usize) -> usize;
+    /// The number of a lane in its word.
+    fn number<const LANE: usize>(word: u32) -> f32;
 }
 
 macro_rules! stored {
@@ -49,6 +57,24 @@ macro_rules! stored {
             #[inline(always)]
             fn narrow(value: f32) -> Self {
                 (value + 0.5) as $int
+            }
+            #[inline(always)]
+            fn words(tap: &[Self; LANES]) -> [u32; WORDS] {
+                let mut words = [0; WORDS];
+                for lane in 0..STORED {
+                    words[Self::word(lane)] |= u32::from(tap[lane]) << (lane * <$int>::BITS as usize % 32);
+                }
+                words
+            }
+            #[inline(always)]
+            fn word(lane: usize) -> usize {
+                lane * <$int>::BITS as usize / 32
+            }
+            #[inline(always)]
+            fn number<const LANE: usize>(word: u32) -> f32 {
+                let shifted = word >> (LANE * <$int>::BITS as usize % 32);
+                // Signed, which processors convert at once.
+                (shifted & u32::from(<$int>::MAX)) as i32 as f32
             }
         }
     };

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::encoding::{LANES, Lanes, NORMAL, STORED, Stored, Sum, encode, normal_z};
-use super::stored::Wrap;
+use super::stored::{Pair, Wrap};
 
 /// Binary logarithms of the levels' texel sizes.
 ///
@@ -76,12 +76,7 @@ impl<T: Stored> Level<T> {
     /// The bilinear sample at (x, y) in texels of level 0, x and y in this level's wrap.
     #[inline(always)]
     pub(crate) fn bilinear(&self, x: f32, y: f32, wrap: Wrap) -> Lanes {
-        let x = (x + 0.5) * self.scale[0] - 0.5;
-        let y = (y + 0.5) * self.scale[1] - 0.5;
-        let ((x, fx), (y, fy)) = (whole_and_fraction(x), whole_and_fraction(y));
-        let columns = wrap.pair(x, self.width as i32);
-        let rows = wrap.pair(y, self.height as i32);
-        let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
+        let (columns, rows, weights) = self.corners(x, y, wrap);
         let index = |row: usize, column: usize| rows.index[row] * self.width + columns.index[column];
         let taps = [index(0, 0), index(0, 1), index(1, 0), index(1, 1)];
         let mut sum = Sum::default();
@@ -96,6 +91,16 @@ impl<T: Stored> Level<T> {
             lanes[NORMAL + 1] *= rows.sign[0];
         }
         lanes
+    }
+
+    /// The two columns and two rows around (x, y) in texels of level 0, and the weights of their four texels, row by row.
+    #[inline(always)]
+    pub(super) fn corners(&self, x: f32, y: f32, wrap: Wrap) -> (Pair, Pair, [f32; 4]) {
+        let x = (x + 0.5) * self.scale[0] - 0.5;
+        let y = (y + 0.5) * self.scale[1] - 0.5;
+        let ((x, fx), (y, fy)) = (whole_and_fraction(x), whole_and_fraction(y));
+        let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
+        (wrap.pair(x, self.width as i32), wrap.pair(y, self.height as i32), weights)
     }
 
     /// Replaces the normal where the taps lie on both sides of a mirror: each tap has its own sign.

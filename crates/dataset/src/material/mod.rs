@@ -4,6 +4,7 @@
 //! augmentation never build a copy.
 
 pub mod augment;
+mod block;
 mod decoding;
 mod encoding;
 mod error;

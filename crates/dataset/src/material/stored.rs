@@ -1,11 +1,12 @@
 //! A material in memory: texels in stored precision, sampled by addressing.
 
+use render::block::{Lane, TexelBlock};
 use render::texel::Texel;
 use serde::{Deserialize, Serialize};
 
 use super::encoding::{LANES, Lanes, ROUGHNESS, SPECULAR, STORED, Stored, lanes_of, texel_of};
 use super::levels::{LEVEL_LOG2, Level, chain, coarse, mix, octave_of};
-use super::{MaterialError, MaterialMaps};
+use super::{MaterialError, MaterialMaps, block};
 
 /// Texels of the virtual grid over the material's [−1, 1]² (paper §4: 4096² maps).
 pub const GRID: usize = 4096;
@@ -215,6 +216,17 @@ impl Material {
         texel_of(&lanes)
     }
 
+    /// [`Material::sample`] at the places of a block, with the same bits.
+    #[inline(always)]
+    pub fn sample_block(&self, tx: &Lane, ty: &Lane, footprint: &Lane) -> TexelBlock {
+        let stored = |t: &Lane| t.map(|t| (t + 0.5) * self.scale - 0.5);
+        let (x, y, footprint) = (stored(tx), stored(ty), footprint.map(|f| f * self.scale));
+        match &self.levels {
+            Levels::Eight(levels) => block::texels(levels, [&x, &y], &footprint, self.info.wrap),
+            Levels::Sixteen(levels) => block::texels(levels, [&x, &y], &footprint, self.info.wrap),
+        }
+    }
+
     /// Name shown to people.
     pub fn name(&self) -> &str {
         &self.info.name
@@ -266,7 +278,7 @@ fn bytes(width: usize, height: usize) -> usize {
 }
 
 #[inline(always)]
-fn filtered<T: Stored>(levels: &[Level<T>], x: f32, y: f32, footprint: f32, wrap: Wrap) -> Lanes {
+pub(super) fn filtered<T: Stored>(levels: &[Level<T>], x: f32, y: f32, footprint: f32, wrap: Wrap) -> Lanes {
     if footprint <= 1.0 || footprint.is_nan() {
         return levels[0].bilinear(x, y, wrap);
     }

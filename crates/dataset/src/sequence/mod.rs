@@ -18,7 +18,7 @@ use ops::kernel::vectorise::vectorised;
 use ops::planes::{Mask, Planes};
 use rand::RngExt;
 use rayon::prelude::*;
-use render::block::{LANES, Lane, TexelBlock};
+use render::block::{LANES, Lane};
 use render::brdf::BrdfModel;
 use render::camera::Camera;
 use render::light::Light;
@@ -295,7 +295,7 @@ impl Sequence {
                     let mut sum = [[0.0; LANES]; 3];
                     for Instant { view, lights, eye } in instants {
                         let seen = view.block(&pixels);
-                        let texels = seen.sample(&self.surface);
+                        let texels = self.surface.sample_block(&seen.tx, &seen.ty, &seen.footprint);
                         texels.add_radiance([&seen.x, &seen.y], *eye, lights, BrdfModel::default(), &mut sum);
                     }
                     for k in 0..LANES.min(width - first) {
@@ -423,17 +423,6 @@ impl View {
             seen.footprint[k] = area.sqrt() * HALF as f32;
         }
         seen
-    }
-}
-
-impl Seen {
-    #[inline(always)]
-    fn sample(&self, surface: &AugmentedMaterial) -> TexelBlock {
-        let mut texels = TexelBlock::default();
-        for k in 0..LANES {
-            texels.set(k, &surface.sample(self.tx[k], self.ty[k], self.footprint[k]));
-        }
-        texels
     }
 }
 

@@ -1,9 +1,9 @@
 //! The maps a frame sees: what the SVBRDF net has to predict from it.
 
+use ops::kernel::vectorise::vectorised;
 use ops::planes::Planes;
 use rayon::prelude::*;
-use render::block::LANES;
-use render::direction::dot;
+use render::block::{LANES, TexelBlock};
 use render::svbrdf::{CHANNELS, SvbrdfImage};
 
 use super::{Sequence, View, by_row, row};
@@ -17,21 +17,29 @@ impl Sequence {
         let mut rows = vec![0.0; res * CHANNELS * res];
         rows.par_chunks_mut(CHANNELS * res).enumerate().for_each(|(y, out)| {
             let view = row(&views, y);
-            for first in (0..res).step_by(LANES) {
-                let pixels = std::array::from_fn(|k| geometry.undistorted((first + k).min(res - 1) as f64, y as f64));
-                let seen = view.block(&pixels);
-                for k in 0..LANES.min(res - first) {
-                    let texel = self.surface.sample(seen.tx[k], seen.ty[k], seen.footprint[k]);
-                    let normal = rotation.map(|axis| dot(texel.normal, axis));
-                    let mut set = |c: usize, value: f32| out[c * res + first + k] = value;
-                    for c in 0..3 {
-                        set(c, normal[c]);
-                        set(3 + c, texel.diffuse[c]);
-                        set(7 + c, texel.specular[c]);
+            vectorised(
+                #[inline(always)]
+                || {
+                    for first in (0..res).step_by(LANES) {
+                        let pixels = std::array::from_fn(|k| geometry.undistorted((first + k).min(res - 1) as f64, y as f64));
+                        let seen = view.block(&pixels);
+                        let TexelBlock { normal, diffuse, roughness, specular } =
+                            self.surface.sample_block(&seen.tx, &seen.ty, &seen.footprint);
+                        let turned = rotation.map(|axis| {
+                            let mut lane = [0.0; LANES];
+                            for k in 0..LANES {
+                                lane[k] = normal[0][k] * axis[0] + normal[1][k] * axis[1] + normal[2][k] * axis[2];
+                            }
+                            lane
+                        });
+                        let used = LANES.min(res - first);
+                        let lanes = turned.iter().chain(&diffuse).chain([&roughness]).chain(&specular);
+                        for (lane, out) in lanes.zip(out.chunks_exact_mut(res)) {
+                            out[first..first + used].copy_from_slice(&lane[..used]);
+                        }
                     }
-                    set(6, texel.roughness);
-                }
-            }
+                },
+            );
         });
         let map = |channels: std::ops::Range<usize>| {
             let mut planes = Planes::new(channels.len(), res, res);

@@ -99,6 +99,29 @@ fn sampling_is_continuous_in_the_footprint() {
     }
 }
 
+/// Blocks at every footprint, on both sides of mirrors, and where footprints within a block read different levels.
+#[test]
+fn a_block_has_the_bits_of_its_samples() {
+    for (wrap, precision) in
+        [(Wrap::Repeat, Precision::Eight), (Wrap::Mirror, Precision::Eight), (Wrap::Mirror, Precision::Sixteen)]
+    {
+        let stored = material(64, 48, wrap, precision);
+        for (step, footprint) in [(0.37, 0.5), (0.9, 1.0), (1.3, 1.4), (2.2, 2.5), (5.0, 7.0), (0.6, 1.9)] {
+            for row in 0..40 {
+                let places = |from: f32, by: f32| std::array::from_fn(|k| from + by * k as f32);
+                let (tx, ty) = (places(1.7 * row as f32 - 30.0, step), places(40.0 - 2.3 * row as f32, 0.4 * step));
+                let widths = places(footprint, if row % 4 == 0 { 0.05 } else { 0.0 });
+                let block = stored.sample_block(&tx, &ty, &widths);
+                for k in 0..render::block::LANES {
+                    assert_eq!(block.at(k), stored.sample(tx[k], ty[k], widths[k]), "footprint {}, pixel {k}", widths[k]);
+                }
+            }
+        }
+        let far = stored.sample_block(&[-1e30; 16], &[1e30; 16], &[f32::INFINITY; 16]);
+        assert!(far.roughness.iter().all(|r| r.is_finite()));
+    }
+}
+
 #[test]
 fn a_denser_material_shows_more_texels_over_the_same_ground() {
     let mut dense = MaterialInfo::of_test(Wrap::Repeat);
