@@ -10,6 +10,7 @@ mod npy;
 mod transfer;
 mod video;
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use ops::planes::Planes;
@@ -142,6 +143,17 @@ pub fn read_with(path: &Path, config: &CaptureConfig, tools: &Tools) -> Result<C
         (ClipKind::Video, fps)
     };
     collector.finish(kind, fps)
+}
+
+/// As [`read`] for a NumPy array of `length` bytes that may lie anywhere; errors name `path`.
+///
+/// # Errors
+/// As [`read`].
+pub fn decode_npy(array: impl Read, length: u64, path: &Path, config: &CaptureConfig) -> Result<Clip, CaptureError> {
+    config.validate()?;
+    let mut collector = Collector::new(path, config);
+    npy::decode(array, length, path, &mut collector)?;
+    collector.finish(ClipKind::Npy, None)
 }
 
 /// Reads one photo (a guidance image) as a gamma-encoded RGB frame, cut and made small like the frames of a clip.

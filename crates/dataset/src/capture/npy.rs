@@ -27,7 +27,12 @@ pub(super) fn read(path: &Path, collector: &mut Collector) -> Result<(), Capture
     let io = |source| CaptureError::Read { path: path.into(), source };
     let file = File::open(path).map_err(io)?;
     let length = file.metadata().map_err(io)?.len();
-    let mut reader = BufReader::new(file);
+    decode(BufReader::new(file), length, path, collector)
+}
+
+/// The same for an array of `length` bytes from anywhere.
+pub(super) fn decode(mut reader: impl Read, length: u64, path: &Path, collector: &mut Collector) -> Result<(), CaptureError> {
+    let io = |source| CaptureError::Read { path: path.into(), source };
     let fail = |reason| CaptureError::Npy { path: path.into(), reason };
     let header = read_header(&mut reader).map_err(fail)?;
     let Frames { bytes, shape: [frames, height, width] } = frames_of(&header).map_err(fail)?;

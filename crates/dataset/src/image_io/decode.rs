@@ -22,20 +22,24 @@ pub(super) fn read(path: &Path) -> Result<Picture, ImageError> {
         std::io::ErrorKind::NotFound => ImageError::Missing { path: path.into() },
         _ => ImageError::Read { path: path.into(), source },
     })?;
+    decode(&bytes, path)
+}
+
+pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<Picture, ImageError> {
     if bytes.is_empty() {
         return Err(ImageError::Empty { path: path.into() });
     }
     if bytes.starts_with(EXR_START) {
-        return decode_exr(path, &bytes);
+        return decode_exr(path, bytes);
     }
     if bytes.starts_with(PNG_START) {
-        return decode_integers(path, &bytes, ImageFormat::Png, "PNG");
+        return decode_integers(path, bytes, ImageFormat::Png, "PNG");
     }
     if bytes.starts_with(JPEG_START) {
-        if !has_jpeg_end(&bytes) {
+        if !has_jpeg_end(bytes) {
             return Err(ImageError::Truncated { path: path.into(), format: "JPEG" });
         }
-        return decode_integers(path, &bytes, ImageFormat::Jpeg, "JPEG");
+        return decode_integers(path, bytes, ImageFormat::Jpeg, "JPEG");
     }
     if bytes.starts_with(HDR_START) {
         return decode_hdr(path, &bytes);

@@ -63,6 +63,14 @@ impl Picture {
         decode::read(path)
     }
 
+    /// As [`Picture::read`] for a file's bytes; errors name `path`.
+    ///
+    /// # Errors
+    /// As [`Picture::read`].
+    pub fn decode(bytes: &[u8], path: &Path) -> Result<Self, ImageError> {
+        decode::decode(bytes, path)
+    }
+
     /// The stored value; integers as a share of their largest.
     #[inline]
     pub fn value(&self, channel: usize, x: usize, y: usize) -> f32 {

@@ -19,7 +19,19 @@ const CHANNELS: usize = 3;
 /// # Errors
 /// [`MaterialError::Image`] for an unreadable file, [`MaterialError::Strip`] for a picture of another kind.
 pub fn load(path: &Path, albedo: AlbedoEncoding, info: MaterialInfo) -> Result<Material, MaterialError> {
-    let Picture { width, height, channels, samples } = Picture::read(path)?;
+    convert(Picture::read(path)?, path, albedo, info)
+}
+
+/// As [`load`] for a file's bytes; errors name `path`.
+///
+/// # Errors
+/// As [`load`].
+pub fn decode(bytes: &[u8], path: &Path, albedo: AlbedoEncoding, info: MaterialInfo) -> Result<Material, MaterialError> {
+    convert(Picture::decode(bytes, path)?, path, albedo, info)
+}
+
+fn convert(picture: Picture, path: &Path, albedo: AlbedoEncoding, info: MaterialInfo) -> Result<Material, MaterialError> {
+    let Picture { width, height, channels, samples } = picture;
     let fail = |found: String| Err(MaterialError::Strip { path: path.into(), found });
     if width == (MAPS + 1) * height {
         return fail(format!("{width}×{height} pixels, five squares; if the first is a photo or rendering, cut it off"));

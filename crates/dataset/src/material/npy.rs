@@ -29,10 +29,25 @@ pub fn load(
     info: MaterialInfo,
 ) -> Result<Material, MaterialError> {
     let read = |source| MaterialError::Read { path: path.into(), source };
-    let fail = |found| MaterialError::Npy { path: path.into(), found };
     let file = File::open(path).map_err(read)?;
     let length = file.metadata().map_err(read)?.len();
-    let mut reader = BufReader::new(file);
+    decode(BufReader::new(file), length, path, albedo, roughness_squared, info)
+}
+
+/// As [`load`] for an array of `length` bytes from anywhere; errors name `path`.
+///
+/// # Errors
+/// As [`load`].
+pub fn decode(
+    mut reader: impl Read,
+    length: u64,
+    path: &Path,
+    albedo: AlbedoEncoding,
+    roughness_squared: bool,
+    info: MaterialInfo,
+) -> Result<Material, MaterialError> {
+    let read = |source| MaterialError::Read { path: path.into(), source };
+    let fail = |found| MaterialError::Npy { path: path.into(), found };
     let header = read_header(&mut reader).map_err(fail)?;
     let [height, width] = size(&header).map_err(fail)?;
     let bytes = height * width * CHANNELS;

@@ -111,7 +111,14 @@ impl SetFiles {
     /// # Errors
     /// [`MaterialError::MissingMap`] with the names that were tried, [`MaterialError::Folder`] when the folder can't be read.
     pub fn find(folder: &Path) -> Result<Self, MaterialError> {
-        let files = image_files(folder).map_err(|source| MaterialError::Folder { path: folder.into(), source })?;
+        Self::among(folder, &image_files(folder).map_err(|source| MaterialError::Folder { path: folder.into(), source })?)
+    }
+
+    /// Finds the maps among the image files of a folder; only their names count.
+    ///
+    /// # Errors
+    /// [`MaterialError::MissingMap`] with the names that were tried.
+    pub fn among(folder: &Path, files: &[PathBuf]) -> Result<Self, MaterialError> {
         let mut found: Vec<Found> = files.iter().filter_map(|path| classify(path)).collect();
         found.sort_by(|a, b| (a.rank, extension_rank(&a.path), &a.path).cmp(&(b.rank, extension_rank(&b.path), &b.path)));
         let base = found.iter().find(|f| f.kind == MapKind::Base).ok_or_else(|| missing(folder, MapKind::Base))?;
