@@ -3,6 +3,7 @@
 use std::io::Cursor;
 use std::path::Path;
 
+use exr::meta::header::Header;
 use exr::prelude::{FlatSamples, MetaData, ReadChannels, ReadLayers, read as read_exr};
 use image::codecs::hdr::HdrDecoder;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
@@ -11,6 +12,10 @@ use super::{ImageError, MAX_SIDE, Picture, Samples};
 
 /// Most memory a decoder may ask for: an RGB image of 16 bit at the largest size, and its rows in flight.
 const MAX_DECODER_BYTES: u64 = (MAX_SIDE * MAX_SIDE * 4 * 2 + (64 << 20)) as u64;
+
+/// Most bytes of pixels that a byte of an EXR file can stand for: DEFLATE reaches 1032, and PXR24 drops a byte of four before
+/// it.
+const MAX_EXR_RATIO: u64 = 1400;
 
 const PNG_START: &[u8] = b"\x89PNG\r\n\x1a\n";
 const JPEG_START: &[u8] = b"\xff\xd8\xff";
@@ -76,6 +81,10 @@ fn decode_integers(path: &Path, bytes: &[u8], format: ImageFormat, name: &'stati
     let mut decoder = reader.into_decoder().map_err(fail)?;
     let (width, height) = decoder.dimensions();
     check_size(path, width as usize, height as usize)?;
+    // A block of 8 × 8 pixels takes a bit at least. The decoder would make room for all and fill missing ones with grey.
+    if format == ImageFormat::Jpeg && (bytes.len() as u64) * 8 < u64::from(width.div_ceil(8)) * u64::from(height.div_ceil(8)) {
+        return Err(ImageError::Truncated { path: path.into(), format: name });
+    }
     let orientation = decoder.orientation().map_err(fail)?;
     let mut image = DynamicImage::from_decoder(decoder).map_err(fail)?;
     image.apply_orientation(orientation);
@@ -101,6 +110,7 @@ fn decode_exr(path: &Path, bytes: &[u8]) -> Result<Picture, ImageError> {
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(fail)?;
     for header in &meta.headers {
         check_size(path, header.layer_size.x(), header.layer_size.y())?;
+        check_room(path, bytes.len(), header)?;
     }
     let reader = read_exr().no_deep_data().largest_resolution_level().all_channels().first_valid_layer().all_attributes();
     let image = reader.from_buffered(Cursor::new(bytes)).map_err(fail)?;
@@ -140,6 +150,20 @@ fn check_size(path: &Path, width: usize, height: usize) -> Result<(), ImageError
     }
     if width == 0 || height == 0 {
         return Err(ImageError::Empty { path: path.into() });
+    }
+    Ok(())
+}
+
+/// Whether the pixels of an EXR's layer can lie in the file and fit in memory, before room is made for them.
+fn check_room(path: &Path, file_bytes: usize, header: &Header) -> Result<(), ImageError> {
+    let room = (header.layer_size.area() as u64).saturating_mul(header.channels.bytes_per_pixel as u64);
+    if room > MAX_DECODER_BYTES {
+        let channels = header.channels.list.len();
+        let reason = format!("its {channels} channels take {} MiB; export fewer channels or fewer pixels", room >> 20);
+        return Err(ImageError::Decode { path: path.into(), format: "EXR", reason });
+    }
+    if room > (file_bytes as u64).saturating_mul(MAX_EXR_RATIO) {
+        return Err(ImageError::Truncated { path: path.into(), format: "EXR" });
     }
     Ok(())
 }

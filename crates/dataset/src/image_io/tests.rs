@@ -1,5 +1,9 @@
 use std::fs;
 
+use exr::prelude::{
+    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder, Vec2,
+    WritableImage,
+};
 use proptest::prelude::*;
 
 use super::*;
@@ -78,8 +82,8 @@ fn each_kind_of_bad_file_has_its_own_error() {
         "{}",
         read(&png[..png.len() / 2])
     );
-    let exr = write(write_exr);
-    assert!(matches!(read(&exr[..exr.len() / 2]), ImageError::Truncated { .. } | ImageError::Decode { .. }));
+    let floats = write(write_exr);
+    assert!(matches!(read(&floats[..floats.len() / 2]), ImageError::Truncated { .. } | ImageError::Decode { .. }));
     let mut flipped = png.clone();
     flipped[60] ^= 0x55;
     assert!(matches!(read(&flipped), ImageError::Decode { .. }));
@@ -91,6 +95,56 @@ fn huge_images_are_refused_by_their_header() {
     let path = folder.path().join("huge.png");
     write_png8(&path, &Planes::constant(1, 16_400, &[0.5]), Overwrite::Refuse).unwrap();
     assert!(matches!(Picture::read(&path), Err(ImageError::TooLarge { width: 16_400, height: 1, .. })));
+}
+
+#[test]
+fn small_files_that_announce_large_pictures_are_refused_before_room_is_made() {
+    let path = Path::new("bomb");
+    let mut photo = jpeg(16, 16);
+    let frame = photo.windows(2).position(|marker| marker == [0xff, 0xc0]).unwrap();
+    photo[frame + 5..frame + 9].copy_from_slice(&[0x10, 0, 0x10, 0]);
+    assert!(matches!(Picture::decode(&photo, path), Err(ImageError::Truncated { format: "JPEG", .. })));
+
+    let corner = |image: &mut [u8], side: i32| {
+        let name = b"dataWindow\0box2i\0";
+        let value = image.windows(name.len()).position(|part| part == name).unwrap() + name.len() + 4;
+        image[value + 8..value + 16].copy_from_slice(&[side.to_le_bytes(), side.to_le_bytes()].concat());
+    };
+    let mut tile = exr(&["R", "G", "B"], 8, Compression::ZIP1, Blocks::Tiles(Vec2(4096, 4096)));
+    corner(&mut tile, 4095);
+    assert!(matches!(Picture::decode(&tile, path), Err(ImageError::Truncated { format: "EXR", .. })));
+    let names: Vec<String> = (0..100).map(|i| format!("light {i}")).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let mut tile = exr(&names, 8, Compression::ZIP1, Blocks::Tiles(Vec2(16_384, 16_384)));
+    corner(&mut tile, 16_383);
+    assert!(matches!(Picture::decode(&tile, path), Err(ImageError::Decode { format: "EXR", .. })));
+}
+
+/// What even pictures compress to is enough: no such file is taken for a truncated one.
+#[test]
+fn even_pictures_are_read_however_small_their_files_are() {
+    let lossless = [Compression::RLE, Compression::ZIP1, Compression::ZIP16, Compression::PIZ, Compression::PXR24];
+    for compression in lossless.into_iter().chain([Compression::B44, Compression::B44A]) {
+        for blocks in [Blocks::ScanLines, Blocks::Tiles(Vec2(1024, 1024))] {
+            let file = exr(&["Y"], 1024, compression, blocks);
+            let picture = Picture::decode(&file, Path::new("even"));
+            assert!(picture.is_ok(), "{compression:?} {blocks:?}, {} bytes: {picture:?}", file.len());
+        }
+    }
+    let grey = image::GrayImage::from_pixel(1024, 1024, image::Luma([128]));
+    let mut photo = Vec::new();
+    grey.write_to(&mut std::io::Cursor::new(&mut photo), image::ImageFormat::Jpeg).unwrap();
+    assert!(Picture::decode(&photo, Path::new("even")).is_ok());
+}
+
+/// A square EXR of zeros.
+fn exr(channels: &[&str], side: usize, compression: Compression, blocks: Blocks) -> Vec<u8> {
+    let list = channels.iter().map(|name| AnyChannel::new(*name, FlatSamples::F32(vec![0.0; side * side]))).collect();
+    let encoding = Encoding { compression, blocks, line_order: LineOrder::Increasing };
+    let layer = Layer::new((side, side), LayerAttributes::default(), encoding, AnyChannels::sort(list));
+    let mut file = std::io::Cursor::new(Vec::new());
+    Image::from_layer(layer).write().to_buffered(&mut file).unwrap();
+    file.into_inner()
 }
 
 #[test]
