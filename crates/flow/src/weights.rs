@@ -41,11 +41,13 @@ impl FlowNets {
 /// # Errors
 /// As [`FlowNets::load`].
 pub fn load(folder: &Path, net: &str, device: &Device) -> Result<(Pwc, NetRecord), WeightsError> {
-    load_net(folder, net, KIND, |config: PwcConfig| {
+    let parameters = |config: &PwcConfig| {
         config.validate().map_err(|e| e.to_string())?;
-        // Every weight is replaced by the file's.
-        Ok(config.init(device, &mut ChaCha8Rng::seed_from_u64(0)))
-    })
+        Ok(config.parameters())
+    };
+    // Every weight is replaced by the file's.
+    let build = |config: PwcConfig| Ok(config.init(device, &mut ChaCha8Rng::seed_from_u64(0)));
+    load_net(folder, net, KIND, parameters, build)
 }
 
 /// Writes one flow net into a folder of weights and its manifest. `training` says how it was trained, `metrics` what it

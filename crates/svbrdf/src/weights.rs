@@ -20,10 +20,13 @@ pub const NAME: &str = "svbrdf";
 /// # Errors
 /// If a file is missing, broken or doesn't fit its architecture.
 pub fn load(folder: &Path, device: &Device) -> Result<(SvbrdfNet, NetRecord), WeightsError> {
-    load_net(folder, NAME, KIND, |config: SvbrdfNetConfig| {
-        // Every weight is replaced by the file's.
-        config.init(device, &mut ChaCha8Rng::seed_from_u64(0)).map_err(|e| e.to_string())
-    })
+    let parameters = |config: &SvbrdfNetConfig| {
+        config.validate().map_err(|e| e.to_string())?;
+        Ok(config.parameters())
+    };
+    // Every weight is replaced by the file's.
+    let build = |config: SvbrdfNetConfig| config.init(device, &mut ChaCha8Rng::seed_from_u64(0)).map_err(|e| e.to_string());
+    load_net(folder, NAME, KIND, parameters, build)
 }
 
 /// Writes the net into a folder of weights and its manifest. `training` says how it was trained, `metrics` what it reached.

@@ -266,6 +266,16 @@ fn a_saved_net_comes_back_whole() {
 }
 
 #[test]
+fn the_size_of_a_net_is_known_before_it_is_built() {
+    let device = Device::flex();
+    let extremes = SvbrdfNetConfig { pixel_features: PixelFeatures::Extremes, fusion: Fusion::Frames, ..small(2) };
+    let instance = SvbrdfNetConfig { normalisation: Normalisation::Instance, ..small(8) };
+    for config in [small(1), small(5), SvbrdfNetConfig { width: 70, ..small(1) }, extremes, instance] {
+        assert_eq!(config.parameters(), net(&config, &device).num_params(), "{config:?}");
+    }
+}
+
+#[test]
 fn values_out_of_range_are_refused() {
     let wrong = |c: SvbrdfNetConfig| c.validate().unwrap_err();
     assert_eq!(wrong(SvbrdfNetConfig { width: 0, ..small(3) }), NetConfigError::Width { found: 0 });

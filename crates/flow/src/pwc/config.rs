@@ -137,24 +137,45 @@ impl PwcConfig {
         self.channels.len() - 1
     }
 
+    /// How many weights the net has.
+    pub fn parameters(&self) -> usize {
+        let conv = |inputs: usize, outputs: usize| (inputs * 9 + 1) * outputs;
+        let predicting = |inputs: usize, widths: &[usize]| -> usize {
+            let from = std::iter::once(inputs).chain(widths.iter().copied());
+            from.zip(widths.iter().copied().chain([2])).map(|(inputs, outputs)| conv(inputs, outputs)).sum()
+        };
+        let from = std::iter::once(3).chain(self.channels.iter().copied());
+        let level = |(from, width): (usize, &usize)| conv(from, *width) + (self.convs_per_level - 1) * conv(*width, *width);
+        let pyramid: usize = from.zip(&self.channels).map(level).sum();
+        let estimators: usize = self.estimator_inputs().map(|inputs| predicting(inputs, &self.estimator)).sum();
+        let context = if self.context.is_empty() { 0 } else { predicting(self.estimated() + 2, &self.context) };
+        pyramid + estimators + context + if self.match_head { self.flow_levels() } else { 0 }
+    }
+
+    /// Features that an estimator hands on.
+    fn estimated(&self) -> usize {
+        *self.estimator.last().expect("validated")
+    }
+
+    /// Channels that the estimators see, coarse to fine.
+    fn estimator_inputs(&self) -> impl Iterator<Item = usize> {
+        let displacements = (2 * self.radius + 1).pow(2);
+        (1..self.channels.len()).rev().map(move |level| {
+            let coarser = if level + 1 == self.channels.len() { 0 } else { 2 + self.estimated() };
+            displacements + self.channels[level] + coarser
+        })
+    }
+
     /// Builds the net with random weights (Kaiming for leaky ReLU).
     ///
     /// # Panics
     /// If the config isn't [valid](Self::validate).
     pub fn init(&self, device: &Device, rng: &mut impl Rng) -> Pwc {
         self.validate().expect("the config was validated");
-        let width = *self.estimator.last().expect("validated");
         let pyramid = Pyramid::new(&self.channels, self.convs_per_level, device, rng);
-        let displacements = (2 * self.radius + 1).pow(2);
-        let estimators = (1..self.channels.len())
-            .rev()
-            .map(|level| {
-                let coarser = if level + 1 == self.channels.len() { 0 } else { 2 + width };
-                Estimator::new(displacements + self.channels[level] + coarser, &self.estimator, device, rng)
-            })
-            .collect();
+        let estimators = self.estimator_inputs().map(|inputs| Estimator::new(inputs, &self.estimator, device, rng)).collect();
         let matchings = (0..self.flow_levels()).map(|_| Matching::new(self.radius, self.match_head, device)).collect();
-        let context = (!self.context.is_empty()).then(|| Context::new(width + 2, &self.context, device, rng));
+        let context = (!self.context.is_empty()).then(|| Context::new(self.estimated() + 2, &self.context, device, rng));
         Pwc { pyramid, matchings, estimators, context, config: self.clone() }
     }
 }

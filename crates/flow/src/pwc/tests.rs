@@ -34,6 +34,9 @@ fn the_presets_have_the_parameters_they_promise() {
     assert!((paper as f64 / 5.03e6 - 1.0).abs() < 0.01, "{paper}");
     let slim = count(PwcConfig::slim());
     assert!((480_000..540_000).contains(&slim), "{slim}");
+    for config in [PwcConfig::paper(), PwcConfig::slim(), tiny(), PwcConfig { convs_per_level: 1, ..tiny() }] {
+        assert_eq!(config.parameters(), count(config));
+    }
 }
 
 #[test]

@@ -95,6 +95,16 @@ pub enum WeightsError {
         /// Of the file.
         found: String,
     },
+    /// A file too small for the architecture in the manifest.
+    #[error("{} can hold at most {held} weights, the architecture in its manifest has {needed}; copy both again", path.display())]
+    TooFew {
+        /// The file.
+        path: PathBuf,
+        /// Weights of the architecture.
+        needed: usize,
+        /// Weights that the file has room for.
+        held: usize,
+    },
     /// A parameter of the net isn't in the file.
     #[error("{} lacks `{tensor}` of shape {expected:?}; the weights belong to another architecture", path.display())]
     MissingTensor {

@@ -18,12 +18,16 @@ use std::{
 
 use burn::module::Module;
 use file::{fill, read, sha256, write_atomically};
+use half::f16;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 /// Name of the manifest in a folder of weights.
 pub const MANIFEST: &str = "manifest.json";
 /// Version of the manifest this program writes and reads.
 pub const MANIFEST_FORMAT: u32 = 1;
+
+/// Nets with more weights than this beyond what their file can hold aren't built.
+const MAX_MISSING: usize = 1 << 20;
 
 /// What a folder of weights holds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -154,7 +158,7 @@ pub fn save_net<M: Module, A: Serialize>(
 
 /// Reads a net from a folder of weights: builds it from the architecture in the manifest and fills it.
 ///
-/// `build` makes the net from its config, or says why it can't.
+/// `parameters` says how many weights the net of a config has and `build` makes it; both may say why it can't be built.
 ///
 /// # Errors
 /// If a file is missing, broken, of another kind or doesn't fit.
@@ -162,6 +166,7 @@ pub fn load_net<M: Module, A: DeserializeOwned>(
     folder: &Path,
     net: &str,
     kind: &str,
+    parameters: impl FnOnce(&A) -> Result<usize, String>,
     build: impl FnOnce(A) -> Result<M, String>,
 ) -> Result<(M, NetRecord), WeightsError> {
     let manifest = Manifest::read(folder)?;
@@ -176,6 +181,11 @@ pub fn load_net<M: Module, A: DeserializeOwned>(
     }
     let bad = |reason: String| WeightsError::Architecture { path: folder.join(MANIFEST), net: net.into(), reason };
     let architecture = serde_json::from_value(record.architecture.clone()).map_err(|e| bad(e.to_string()))?;
+    // Before room is made for them: a manifest can announce anything. Smaller gaps are told tensor by tensor.
+    let (needed, held) = (parameters(&architecture).map_err(bad)?, bytes.len() / size_of::<f16>());
+    if needed > held + MAX_MISSING {
+        return Err(WeightsError::TooFew { path, needed, held });
+    }
     let module = fill(build(architecture).map_err(bad)?, &bytes, &path)?;
     Ok((module, record))
 }

@@ -30,6 +30,10 @@ struct Architecture {
 }
 
 impl Architecture {
+    fn parameters(&self) -> usize {
+        1 + self.widths.windows(2).map(|w| w[0] * w[1] + if w[1] > 1 { w[1] } else { 0 }).sum::<usize>()
+    }
+
     fn init(&self, first: f32) -> Net {
         let device = Device::flex();
         let ramp = |n: usize| (0..n).map(|i| first + i as f32 * 0.125).collect::<Vec<_>>();
@@ -66,7 +70,7 @@ fn save_small(folder: &Path) {
 }
 
 fn load_one(folder: &Path) -> Result<(Net, NetRecord), WeightsError> {
-    load_net(folder, "one", "ramp", |a: Architecture| Ok(a.init(0.0)))
+    load_net(folder, "one", "ramp", |a: &Architecture| Ok(a.parameters()), |a| Ok(a.init(0.0)))
 }
 
 fn edit_manifest(folder: &Path, edit: impl FnOnce(&mut serde_json::Value)) {
@@ -129,7 +133,7 @@ fn a_folder_holds_several_nets_with_their_records() {
     let (net, record) = load_one(folder).unwrap();
     assert_eq!(all_values(&net), all_values(&architecture(&SMALL).init(1.5)));
     assert_eq!((record.parameters, record.metrics["error"]), (11, 0.25));
-    let (net, record) = load_net(folder, "two", "ramp", |a: Architecture| Ok(a.init(0.0))).unwrap();
+    let (net, record) = load_net(folder, "two", "ramp", |a: &Architecture| Ok(a.parameters()), |a| Ok(a.init(0.0))).unwrap();
     assert_eq!((values(net.scale.val()), record.precision), (vec![2.0], Precision::F16));
 }
 
@@ -206,6 +210,8 @@ fn a_manifest_that_does_not_fit_is_a_named_error() {
     check(&|j| j["nets"]["one"]["sha256"] = "00".into(), &|e| matches!(e, WeightsError::Checksum { .. }));
     let wide = serde_json::json!({ "widths": [4, 2, 1] });
     check(&|j| j["nets"]["one"]["architecture"] = wide.clone(), &|e| matches!(e, WeightsError::Shape { .. }));
+    let huge = serde_json::json!({ "widths": [1 << 20, 1 << 20] });
+    check(&|j| j["nets"]["one"]["architecture"] = huge.clone(), &|e| matches!(e, WeightsError::TooFew { .. }));
 }
 
 #[test]

@@ -7,6 +7,7 @@ pub mod fusion;
 pub mod global_track;
 pub mod head;
 mod least_squares;
+mod size;
 
 use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor};
