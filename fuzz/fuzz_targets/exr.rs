@@ -1,0 +1,6 @@
+//! EXR images.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|bytes: &[u8]| fuzz::image(b"\x76\x2f\x31\x01", bytes));

@@ -1,0 +1,6 @@
+//! JPEG images.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|bytes: &[u8]| fuzz::image(b"\xff\xd8\xff", bytes));

@@ -1,0 +1,6 @@
+//! PNG images.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|bytes: &[u8]| fuzz::image(b"\x89PNG\r\n\x1a\n", bytes));
