@@ -67,6 +67,12 @@ fn sensor_options_are_tables_of_the_videos() {
 }
 
 #[test]
+fn any_number_of_steps_counts_as_steps() {
+    let set = ["chairs.steps=9223372036854775807", "adjacent.steps=9223372036854775807", "distant.steps=2", "svbrdf.steps=0"];
+    assert_eq!(Config::load("spiral", &set.map(String::from)).unwrap().distant.steps, 2);
+}
+
+#[test]
 fn assignments_lie_on_top_and_take_plain_words() {
     let set = ["run.seed=7", "flow.init=none", "adjacent.optimisation.schedule=constant", "svbrdf.exemplars.key_frames=[1, 3]"];
     let config = Config::load("spiral", &set.map(String::from)).unwrap();
