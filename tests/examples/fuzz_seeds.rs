@@ -65,6 +65,11 @@ fn images(seeds: &Seeds) -> Result<()> {
         write_png16(&seeds.path("png", &format!("sixteen_{channels}"))?, &ramp(channels, 5, 7), Overwrite::Allow)?;
         write_exr(&seeds.path("exr", &format!("floats_{channels}"))?, &ramp(channels, 5, 7), Overwrite::Allow)?;
     }
+    // Two rows of eight pixels, the second as runs: (0.5, 1, 0.25) everywhere.
+    let mut hdr = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 8\n".to_vec();
+    hdr.extend([64, 128, 32, 129].repeat(8));
+    hdr.extend([2, 2, 0, 8, 136, 64, 136, 128, 136, 32, 136, 129]);
+    seeds.write("hdr", "flat_and_runs", &hdr)?;
     let colours = RgbImage::from_fn(19, 17, |x, y| image::Rgb([(x * 9) as u8, (y * 7) as u8, 80]));
     let colours = DynamicImage::ImageRgb8(colours);
     colours.to_rgba8().save_with_format(seeds.path("png", "alpha")?, ImageFormat::Png)?;

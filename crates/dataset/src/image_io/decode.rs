@@ -17,6 +17,9 @@ const MAX_DECODER_BYTES: u64 = (MAX_SIDE * MAX_SIDE * 4 * 2 + (64 << 20)) as u64
 /// it.
 const MAX_EXR_RATIO: u64 = 1400;
 
+/// Most pixels that a byte of an HDR file can stand for: a run of 255 takes four.
+const MAX_HDR_RATIO: u64 = 64;
+
 const PNG_START: &[u8] = b"\x89PNG\r\n\x1a\n";
 const JPEG_START: &[u8] = b"\xff\xd8\xff";
 const HDR_START: &[u8] = b"#?R";
@@ -47,7 +50,7 @@ pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<Picture, ImageError> {
         return decode_integers(path, bytes, ImageFormat::Jpeg, "JPEG");
     }
     if bytes.starts_with(HDR_START) {
-        return decode_hdr(path, &bytes);
+        return decode_hdr(path, bytes);
     }
     let start = bytes[..bytes.len().min(8)].escape_ascii().to_string();
     Err(ImageError::Format { path: path.into(), start })
@@ -68,6 +71,14 @@ fn decode_hdr(path: &Path, bytes: &[u8]) -> Result<Picture, ImageError> {
     let (width, height) = decoder.dimensions();
     let (width, height) = (width as usize, height as usize);
     check_size(path, width, height)?;
+    let pixels = (width * height) as u64;
+    if pixels > MAX_HDR_RATIO * bytes.len() as u64 {
+        return Err(ImageError::Truncated { path: path.into(), format: "HDR" });
+    }
+    if pixels * 12 > MAX_DECODER_BYTES {
+        let reason = format!("its pixels take {} MiB; export it smaller", (pixels * 12) >> 20);
+        return Err(ImageError::Decode { path: path.into(), format: "HDR", reason });
+    }
     let values = DynamicImage::from_decoder(decoder).map_err(fail)?.into_rgb32f().into_raw();
     Ok(Picture { width, height, channels: 3, samples: Samples::Linear(values) })
 }

@@ -198,6 +198,8 @@ mod tests {
         assert!(refused(&file).contains("row 1, column 1"));
         crate::image_io::write_png8(&file, &Planes::constant(4, 8, &[1.0; 3]), Overwrite::Allow).unwrap();
         assert!(refused(&file).contains("encoded integers"));
+        std::fs::write(&file, "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 8000 +X 16000\n").unwrap();
+        assert!(refused(&file).contains("truncated"), "{}", refused(&file));
         let whole = hdr(4);
         for cut in [12, 40, whole.len() - 1] {
             std::fs::write(&file, &whole[..cut]).unwrap();

@@ -77,7 +77,12 @@ impl Config {
         findings.require((64..=1 << 20).contains(&cache), "material_cache_mib", cache, "at least 64 MiB");
         let steps = [self.chairs.steps, self.adjacent.steps, self.distant.steps, self.svbrdf.steps];
         findings.table = "svbrdf";
-        findings.require(steps.iter().any(|steps| *steps > 0), "steps", 0, "steps in at least one of the stages chairs, adjacent, distant, svbrdf");
+        findings.require(
+            steps.iter().any(|steps| *steps > 0),
+            "steps",
+            0,
+            "steps in at least one of the stages chairs, adjacent, distant, svbrdf",
+        );
         findings.table = "checkpoint";
         let Self { checkpoint, .. } = self;
         findings.require(checkpoint.every_steps >= 1, "every_steps", checkpoint.every_steps, "at least 1 step");
