@@ -1,6 +1,7 @@
 //! Reading: the bytes of a PNG, JPEG, EXR or HDR file to a [`Picture`].
 
 use std::io::Cursor;
+use std::panic::AssertUnwindSafe;
 use std::path::Path;
 
 use exr::meta::header::Header;
@@ -38,19 +39,19 @@ pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<Picture, ImageError> {
         return Err(ImageError::Empty { path: path.into() });
     }
     if bytes.starts_with(EXR_START) {
-        return decode_exr(path, bytes);
+        return guarded(path, "EXR", || decode_exr(path, bytes));
     }
     if bytes.starts_with(PNG_START) {
-        return decode_integers(path, bytes, ImageFormat::Png, "PNG");
+        return guarded(path, "PNG", || decode_integers(path, bytes, ImageFormat::Png, "PNG"));
     }
     if bytes.starts_with(JPEG_START) {
         if !has_jpeg_end(bytes) {
             return Err(ImageError::Truncated { path: path.into(), format: "JPEG" });
         }
-        return decode_integers(path, bytes, ImageFormat::Jpeg, "JPEG");
+        return guarded(path, "JPEG", || decode_integers(path, bytes, ImageFormat::Jpeg, "JPEG"));
     }
     if bytes.starts_with(HDR_START) {
-        return decode_hdr(path, bytes);
+        return guarded(path, "HDR", || decode_hdr(path, bytes));
     }
     let start = bytes[..bytes.len().min(8)].escape_ascii().to_string();
     Err(ImageError::Format { path: path.into(), start })
@@ -81,6 +82,19 @@ fn decode_hdr(path: &Path, bytes: &[u8]) -> Result<Picture, ImageError> {
     }
     let values = DynamicImage::from_decoder(decoder).map_err(fail)?.into_rgb32f().into_raw();
     Ok(Picture { width, height, channels: 3, samples: Samples::Linear(values) })
+}
+
+/// The decoders are other people's and panic on some broken files: for a person, files like any other broken one.
+fn guarded(
+    path: &Path,
+    format: &'static str,
+    decode: impl FnOnce() -> Result<Picture, ImageError>,
+) -> Result<Picture, ImageError> {
+    // Nothing outlives a decoder that gave up half-way, so nothing half-done is seen.
+    std::panic::catch_unwind(AssertUnwindSafe(decode)).unwrap_or_else(|_| {
+        let reason = "the decoder gave up, as its parts contradict each other; export it again".into();
+        Err(ImageError::Decode { path: path.into(), format, reason })
+    })
 }
 
 fn decode_integers(path: &Path, bytes: &[u8], format: ImageFormat, name: &'static str) -> Result<Picture, ImageError> {

@@ -147,6 +147,14 @@ fn exr(channels: &[&str], side: usize, compression: Compression, blocks: Blocks)
     file.into_inner()
 }
 
+/// Found by the fuzz target: red is sampled more finely than brightness, and the decoder's own check gives way.
+#[test]
+fn a_decoder_that_panics_tells_of_a_broken_file() {
+    let photo = include_bytes!("fixtures/decoder_panics.jpg");
+    let error = Picture::decode(photo, Path::new("photo.jpg")).unwrap_err();
+    assert!(matches!(error, ImageError::Decode { format: "JPEG", .. }), "{error}");
+}
+
 #[test]
 fn nan_in_an_exr_is_named_by_its_place() {
     use exr::prelude::*;
