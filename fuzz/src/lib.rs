@@ -9,6 +9,12 @@ use dataset::material::{GRID, Material, MaterialInfo, Wrap};
 /// What errors name: no file is read.
 pub const NAME: &str = "fuzzed";
 
+/// Lets a panic pass that the reader catches (the image decoders are other people's); one that leaves the reader still ends
+/// the run.
+pub fn allow_caught_panics() {
+    std::panic::set_hook(Box::new(|panic| eprintln!("{panic}")));
+}
+
 /// Decodes an image of one format; bytes of another kind are left to that format's target.
 pub fn image(start: &[u8], bytes: &[u8]) {
     if bytes.starts_with(start) {
