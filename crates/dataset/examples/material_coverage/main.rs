@@ -49,8 +49,11 @@ fn main() -> Result<(), Failure> {
 fn measure(source: SourceConfig) -> Result<Vec<Statistics>, Failure> {
     // Each is looked at once: nothing is kept.
     let library = MaterialLibrary::open(&[source], 0, 0)?;
-    let sides = [Split::Train, Split::Test];
-    let places: Vec<(Split, usize)> = sides.iter().flat_map(|s| (0..library.len(*s)).map(|i| (*s, i))).collect();
+    let of_side = |side: Split| {
+        let count = library.len(side);
+        (0..count).map(move |index| (side, index))
+    };
+    let places: Vec<(Split, usize)> = of_side(Split::Train).chain(of_side(Split::Test)).collect();
     eprintln!("measuring {} materials", places.len());
     places.par_iter().map(|&(side, index)| Ok(Statistics::of(&*library.nth(side, index)?))).collect()
 }
