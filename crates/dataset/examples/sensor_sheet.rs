@@ -13,7 +13,7 @@ use std::sync::Arc;
 
 use dataset::material::augment::AugmentConfig;
 use dataset::material::procedural::{Family, generate};
-use dataset::material::{Material, MaterialInfo, Wrap};
+use dataset::material::{Material, MaterialInfo};
 use dataset::sequence::{Sequence, SequenceConfig};
 use dataset::stream::Stream;
 use ops::planes::Planes;
@@ -66,14 +66,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
 fn bricks() -> Result<Arc<Material>, Box<dyn std::error::Error>> {
     let family = Family::Bricks;
-    let info = MaterialInfo {
-        name: family.name().into(),
-        identity: family.name().into(),
-        source: format!("procedural {}", family.name()),
-        licence: "CC0-1.0".into(),
-        textured: Some(true),
-        wrap: Wrap::Repeat,
-        texels: 2048,
-    };
+    let info = MaterialInfo { texels: 2048, ..MaterialInfo::made_up(family.name()) };
     Ok(Arc::new(Material::from_maps(info, &generate(family, 3, 1024))?))
 }

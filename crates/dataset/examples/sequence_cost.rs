@@ -7,7 +7,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use dataset::material::{Material, MaterialInfo, Precision, Wrap};
+use dataset::material::{Material, MaterialInfo, Precision};
 use dataset::path::PathConfig;
 use dataset::sequence::{Sequence, SequenceConfig};
 use dataset::stream::Stream;
@@ -73,15 +73,7 @@ fn cost(video: &Sequence, side: usize) -> Cost {
 
 /// Waves in every map, so that no texel is like its neighbour.
 fn material(size: usize) -> Result<Arc<Material>, Box<dyn std::error::Error>> {
-    let info = MaterialInfo {
-        name: "waves".into(),
-        identity: "waves".into(),
-        source: "benchmark".into(),
-        licence: "CC0-1.0".into(),
-        textured: Some(true),
-        wrap: Wrap::Repeat,
-        texels: 4096,
-    };
+    let info = MaterialInfo::made_up("waves");
     let texel = |x: usize, y: usize| {
         let wave = |a: usize, b: usize| ((a * x + b * y) % size) as f32 / size as f32;
         Texel {

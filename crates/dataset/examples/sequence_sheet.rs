@@ -16,7 +16,7 @@ use std::time::Instant;
 
 use dataset::chairs::{Chairs, ChairsConfig};
 use dataset::material::procedural::{Family, generate};
-use dataset::material::{Material, MaterialInfo, Wrap};
+use dataset::material::{Material, MaterialInfo};
 use dataset::sequence::{Sequence, SequenceConfig};
 use dataset::stream::Stream;
 use ops::colour::gamma_encode;
@@ -64,15 +64,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 fn material(family: Family) -> Result<Arc<Material>, Box<dyn std::error::Error>> {
-    let info = MaterialInfo {
-        name: family.name().into(),
-        identity: family.name().into(),
-        source: format!("procedural {}", family.name()),
-        licence: "CC0-1.0".into(),
-        textured: None,
-        wrap: Wrap::Repeat,
-        texels: 4096,
-    };
+    let info = MaterialInfo { textured: None, ..MaterialInfo::made_up(family.name()) };
     Ok(Arc::new(Material::from_maps(info, &generate(family, 3, 1024))?))
 }
 

@@ -2,6 +2,8 @@
 //!
 //! Nothing is copied: an [`AugmentedMaterial`] changes where it samples and what it makes of the sample.
 
+#![allow(clippy::needless_range_loop, reason = "lockstep loops over a dozen arrays are plainest with one index")]
+
 use std::sync::Arc;
 
 use rand::{Rng, RngExt};
@@ -193,15 +195,20 @@ impl PerlinLayer {
         Self { mask, specular, diffuse: specular.map(|s| s * factor), roughness }
     }
 
-    #[inline]
-    fn blend(&self, texel: &mut Texel, tx: f32, ty: f32, footprint: f32) {
-        let base = self.mask.value(tx, ty, footprint);
-        let mix = |base_value: f32, layer: f32| layer + base * (base_value - layer);
+    /// Replaces texels by the layer where the mask is 0.
+    #[inline(always)]
+    fn blend(&self, texels: &mut TexelBlock, [tx, ty]: [&Lane; 2], footprint: &Lane) {
+        let base: Lane = std::array::from_fn(|k| self.mask.value(tx[k], ty[k], footprint[k]));
+        let mix = |lane: &mut Lane, layer: f32| {
+            for k in 0..LANES {
+                lane[k] = layer + base[k] * (lane[k] - layer);
+            }
+        };
         for c in 0..3 {
-            texel.diffuse[c] = mix(texel.diffuse[c], self.diffuse[c]);
-            texel.specular[c] = mix(texel.specular[c], self.specular[c]);
+            mix(&mut texels.diffuse[c], self.diffuse[c]);
+            mix(&mut texels.specular[c], self.specular[c]);
         }
-        texel.roughness = mix(texel.roughness, self.roughness);
+        mix(&mut texels.roughness, self.roughness);
     }
 }
 
@@ -221,13 +228,11 @@ impl AugmentedMaterial {
     }
 
     /// The augmented reflectance at a place of the grid; see [`Material::sample`] for units.
-    #[inline(always)]
     pub fn sample(&self, tx: f32, ty: f32, footprint: f32) -> Texel {
-        let (x, y) = self.augmentation.to_source(tx, ty);
-        self.augmented(self.material.sample(x, y, footprint), x, y, footprint)
+        self.sample_block(&[tx; LANES], &[ty; LANES], &[footprint; LANES]).at(0)
     }
 
-    /// [`AugmentedMaterial::sample`] at the places of a block, with the same bits.
+    /// The augmented reflectance at the places of a block.
     #[inline(always)]
     pub fn sample_block(&self, tx: &Lane, ty: &Lane, footprint: &Lane) -> TexelBlock {
         let augmentation = &self.augmentation;
@@ -235,29 +240,21 @@ impl AugmentedMaterial {
         for k in 0..LANES {
             (x[k], y[k]) = augmentation.to_source(tx[k], ty[k]);
         }
-        let mut texels = self.material.sample_block(&x, &y, footprint);
+        let TexelBlock { mut normal, mut diffuse, mut roughness, mut specular } = self.material.sample_block(&x, &y, footprint);
         for k in 0..LANES {
-            let texel = self.augmented(texels.at(k), x[k], y[k], footprint[k]);
-            texels.set(k, &texel);
+            let turned = augmentation.direction_from_source([normal[0][k], normal[1][k], normal[2][k]]);
+            (normal[0][k], normal[1][k]) = (turned[0], turned[1]);
         }
-        texels
-    }
-
-    /// What the augmentation makes of a texel of the source's grid.
-    #[inline(always)]
-    fn augmented(&self, mut texel: Texel, x: f32, y: f32, footprint: f32) -> Texel {
-        let augmentation = &self.augmentation;
-        texel.normal = augmentation.direction_from_source(texel.normal);
-        for c in 0..3 {
-            texel.diffuse[c] = (texel.diffuse[c] * augmentation.diffuse).min(1.0);
-            texel.specular[c] = (texel.specular[c] * augmentation.specular).min(1.0);
-        }
-        texel.roughness = (texel.roughness * augmentation.roughness[0] + augmentation.roughness[1]).min(1.0);
+        let [factor, offset] = augmentation.roughness;
+        roughness = roughness.map(|r| (r * factor + offset).min(1.0));
+        diffuse = diffuse.map(|lane| lane.map(|v| (v * augmentation.diffuse).min(1.0)));
+        specular = specular.map(|lane| lane.map(|v| (v * augmentation.specular).min(1.0)));
+        let mut texels = TexelBlock { normal, diffuse, roughness, specular };
         if let Some(layer) = &augmentation.perlin {
             // In the source's grid, so that a flipped material is flipped as a whole.
-            layer.blend(&mut texel, x, y, footprint);
+            layer.blend(&mut texels, [&x, &y], footprint);
         }
-        texel
+        texels
     }
 
     /// Name shown to people.

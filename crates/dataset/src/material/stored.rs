@@ -87,17 +87,16 @@ pub struct MaterialInfo {
     pub texels: usize,
 }
 
-#[cfg(test)]
 impl MaterialInfo {
-    /// What tests know of a material that they make up.
-    pub(crate) fn of_test(wrap: Wrap) -> Self {
+    /// Of a material that a program makes up: its tile repeats and covers [`GRID`] texels, and it shows enough to align by.
+    pub fn made_up(name: &str) -> Self {
         Self {
-            name: "test".into(),
-            identity: "test".into(),
-            source: "test".into(),
-            licence: "none".into(),
+            name: name.into(),
+            identity: name.into(),
+            source: format!("made up: {name}"),
+            licence: "CC0-1.0".into(),
             textured: Some(true),
-            wrap,
+            wrap: Wrap::Repeat,
             texels: GRID,
         }
     }

@@ -64,10 +64,10 @@ mod tests {
     use render::texel::Texel;
 
     use super::*;
-    use crate::material::{MaterialInfo, Precision, Wrap};
+    use crate::material::{MaterialInfo, Precision};
 
     fn material(texel: impl Fn(usize, usize) -> Texel + Sync) -> Material {
-        let info = MaterialInfo { textured: None, ..MaterialInfo::of_test(Wrap::Repeat) };
+        let info = MaterialInfo { textured: None, ..MaterialInfo::made_up("test") };
         Material::build(info, 128, 128, Precision::Eight, texel).unwrap()
     }
 

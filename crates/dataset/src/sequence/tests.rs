@@ -1,5 +1,5 @@
 use super::*;
-use crate::material::{MaterialInfo, Precision, Wrap};
+use crate::material::{MaterialInfo, Precision};
 use render::direction::unit;
 use render::texel::Texel;
 
@@ -11,15 +11,7 @@ pub(crate) fn material() -> Arc<Material> {
 
 fn waves() -> Arc<Material> {
     let size = 512;
-    let info = MaterialInfo {
-        name: "waves".into(),
-        identity: "waves".into(),
-        source: "test".into(),
-        licence: "CC0".into(),
-        textured: Some(true),
-        wrap: Wrap::Repeat,
-        texels: GRID,
-    };
+    let info = MaterialInfo::made_up("waves");
     let wave = |x: usize, y: usize, a: f32, b: f32| (std::f32::consts::TAU * (a * x as f32 + b * y as f32) / size as f32).sin();
     let texel = move |x: usize, y: usize| Texel {
         normal: unit([0.2 * wave(x, y, 9.0, 2.0), 0.15 * wave(x, y, 3.0, -7.0), 1.0]),

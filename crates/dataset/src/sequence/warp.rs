@@ -149,23 +149,33 @@ impl FrameWarp {
     ///
     /// # Shapes
     /// 2 planes (x, y) in pixels, NaN where there is no source position, and a mask.
-    pub fn flow(&self, [height, width]: [usize; 2], [source_height, source_width]: [usize; 2]) -> (Planes, Mask) {
-        if let Self::Plane(map) = self {
-            return (map.flow(height, width), map.valid(height, width, source_height, source_width));
+    pub fn flow(&self, target: [usize; 2], source: [usize; 2]) -> (Planes, Mask) {
+        match self {
+            Self::Plane(map) => labels(|x, y| map.apply(x, y), target, source),
+            Self::Bent(_) => labels(|x, y| self.apply(x, y), target, source),
         }
-        let (right, bottom) = ((source_width - 1) as f64, (source_height - 1) as f64);
-        let labels: Vec<([f32; 2], bool)> = (0..height * width)
-            .into_par_iter()
-            .with_min_len(width)
-            .map(|i| {
-                let (x, y) = ((i % width) as f64, (i / width) as f64);
-                let (u, v) = self.apply(x, y).unwrap_or((f64::NAN, f64::NAN));
-                let inside = (0.0..=right).contains(&u) && (0.0..=bottom).contains(&v);
-                ([(u - x) as f32, (v - y) as f32], inside)
-            })
-            .collect();
-        let flow = (0..2).flat_map(|c| labels.iter().map(move |label| label.0[c])).collect();
-        let valid = Mask { height, width, data: labels.iter().map(|label| label.1).collect() };
-        (Planes::from_vec(2, height, width, flow), valid)
     }
+}
+
+/// The flow of a map and the pixels that it leads to a place inside the source, row by row.
+fn labels(
+    map: impl Fn(f64, f64) -> Option<(f64, f64)> + Sync,
+    [height, width]: [usize; 2],
+    [source_height, source_width]: [usize; 2],
+) -> (Planes, Mask) {
+    let (right, bottom) = ((source_width - 1) as f64, (source_height - 1) as f64);
+    let mut flow = Planes::new(2, height, width);
+    let mut valid = Mask { height, width, data: vec![false; height * width] };
+    let (across, down) = flow.data.split_at_mut(height * width);
+    let rows = across.par_chunks_mut(width).zip(down.par_chunks_mut(width)).zip(valid.data.par_chunks_mut(width));
+    rows.enumerate().for_each(|(row, ((across, down), valid))| {
+        let y = row as f64;
+        for column in 0..width {
+            let x = column as f64;
+            let (u, v) = map(x, y).unwrap_or((f64::NAN, f64::NAN));
+            (across[column], down[column]) = ((u - x) as f32, (v - y) as f32);
+            valid[column] = u >= 0.0 && v >= 0.0 && u <= right && v <= bottom;
+        }
+    });
+    (flow, valid)
 }

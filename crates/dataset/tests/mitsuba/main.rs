@@ -4,7 +4,7 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use dataset::material::{AugmentedMaterial, Material, MaterialInfo, Precision, Wrap};
+use dataset::material::{AugmentedMaterial, Material, MaterialInfo, Precision};
 use dataset::path::{CameraPath, PathConfig};
 use dataset::sequence::Sequence;
 use dataset::sequence::lights::VideoLights;
@@ -19,15 +19,7 @@ const RES: usize = 48;
 
 /// The maps of goldens/plane.py.
 fn waves() -> Arc<Material> {
-    let info = MaterialInfo {
-        name: "waves".into(),
-        identity: "waves".into(),
-        source: "test".into(),
-        licence: "CC0".into(),
-        textured: Some(true),
-        wrap: Wrap::Repeat,
-        texels: SIZE,
-    };
+    let info = MaterialInfo { texels: SIZE, ..MaterialInfo::made_up("waves") };
     let texel = |x: usize, y: usize| {
         let wave = |a: i32, b: i32| (TAU * (f64::from(a) * x as f64 + f64::from(b) * y as f64) / SIZE as f64).sin() as f32;
         Texel {

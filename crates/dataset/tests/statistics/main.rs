@@ -14,7 +14,7 @@ mod perlin;
 
 use std::sync::Arc;
 
-use dataset::material::{GRID, Material, MaterialInfo, Precision, Wrap};
+use dataset::material::{Material, MaterialInfo, Precision};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use render::texel::Texel;
@@ -29,14 +29,6 @@ fn painted(grey: impl Fn(usize, usize) -> f32 + Sync) -> Arc<Material> {
 }
 
 fn stored(side: usize, texel: impl Fn(usize, usize) -> Texel + Sync) -> Arc<Material> {
-    let info = MaterialInfo {
-        name: "test".into(),
-        identity: "test".into(),
-        source: "test".into(),
-        licence: "CC0".into(),
-        textured: Some(true),
-        wrap: Wrap::Repeat,
-        texels: GRID,
-    };
+    let info = MaterialInfo::made_up("test");
     Arc::new(Material::build(info, side, side, Precision::Sixteen, texel).expect("the texels are finite"))
 }

@@ -13,7 +13,9 @@ fn material(specular: f32, wrap: Wrap) -> Arc<Material> {
             specular: [specular * h(6), specular * h(7), specular * h(8)],
         }
     };
-    Arc::new(Material::build(MaterialInfo::of_test(wrap), 33, 20, Precision::Sixteen, texel).unwrap())
+    Arc::new(
+        Material::build(MaterialInfo { wrap, ..MaterialInfo::made_up("test") }, 33, 20, Precision::Sixteen, texel).unwrap(),
+    )
 }
 
 /// Grid position of a world position, the contract of the whole workspace.

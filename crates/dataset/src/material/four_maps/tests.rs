@@ -64,9 +64,11 @@ fn strips_and_arrays_hold_the_same_material() {
     write_png8(&png, &strip(), Overwrite::Refuse).unwrap();
     fs::write(&npy, array()).unwrap();
     for albedo in [AlbedoEncoding::Gamma, AlbedoEncoding::Linear] {
-        let strip = inria::load(&png, albedo, MaterialInfo::of_test(Wrap::Mirror)).unwrap();
-        let plain = npy::load(&npy, albedo, false, MaterialInfo::of_test(Wrap::Mirror)).unwrap();
-        let squared = npy::load(&npy, albedo, true, MaterialInfo::of_test(Wrap::Mirror)).unwrap();
+        let strip = inria::load(&png, albedo, MaterialInfo { wrap: Wrap::Mirror, ..MaterialInfo::made_up("test") }).unwrap();
+        let plain =
+            npy::load(&npy, albedo, false, MaterialInfo { wrap: Wrap::Mirror, ..MaterialInfo::made_up("test") }).unwrap();
+        let squared =
+            npy::load(&npy, albedo, true, MaterialInfo { wrap: Wrap::Mirror, ..MaterialInfo::made_up("test") }).unwrap();
         assert_eq!((strip.size(), plain.size()), ([SIDE, SIDE], [SIDE, SIDE]));
         for (x, y) in (0..SIDE * SIDE).map(|i| (i % SIDE, i / SIDE)) {
             let at = |material: &Material| material.sample(x as f32, y as f32, 1.0);
@@ -86,7 +88,7 @@ fn strips_of_sixteen_bits_keep_their_steps() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.png");
     write_png16(&path, &strip(), Overwrite::Refuse).unwrap();
-    let fine = inria::load(&path, AlbedoEncoding::Gamma, MaterialInfo::of_test(Wrap::Repeat)).unwrap();
+    let fine = inria::load(&path, AlbedoEncoding::Gamma, MaterialInfo::made_up("test")).unwrap();
     for (x, y) in (0..SIDE * SIDE).map(|i| (i % SIDE, i / SIDE)) {
         let texel = fine.sample(x as f32, y as f32, 1.0);
         let mut expected = expected(AlbedoEncoding::Gamma, false, x, y);
@@ -95,7 +97,7 @@ fn strips_of_sixteen_bits_keep_their_steps() {
         assert_close(&texel, &expected, 2e-4);
     }
     write_png8(&path, &strip(), Overwrite::Allow).unwrap();
-    let coarse = inria::load(&path, AlbedoEncoding::Gamma, MaterialInfo::of_test(Wrap::Repeat)).unwrap();
+    let coarse = inria::load(&path, AlbedoEncoding::Gamma, MaterialInfo::made_up("test")).unwrap();
     assert_eq!(fine.bytes(), 2 * coarse.bytes());
 }
 
@@ -103,7 +105,10 @@ fn strips_of_sixteen_bits_keep_their_steps() {
 fn every_bad_strip_has_its_own_error() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.png");
-    let load = || inria::load(&path, AlbedoEncoding::Linear, MaterialInfo::of_test(Wrap::Mirror)).unwrap_err();
+    let load = || {
+        inria::load(&path, AlbedoEncoding::Linear, MaterialInfo { wrap: Wrap::Mirror, ..MaterialInfo::made_up("test") })
+            .unwrap_err()
+    };
     assert!(matches!(load(), MaterialError::Image(ImageError::Missing { .. })));
     for (channels, width, part) in [(3, 40, "40×8 pixels, five squares"), (3, 31, "31×8 pixels;"), (1, 32, "a grey picture")]
     {
@@ -130,7 +135,10 @@ fn every_bad_strip_has_its_own_error() {
 fn every_bad_array_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.npy");
-    let load = || npy::load(&path, AlbedoEncoding::Linear, false, MaterialInfo::of_test(Wrap::Mirror)).unwrap_err();
+    let load = || {
+        npy::load(&path, AlbedoEncoding::Linear, false, MaterialInfo { wrap: Wrap::Mirror, ..MaterialInfo::made_up("test") })
+            .unwrap_err()
+    };
     assert!(matches!(load(), MaterialError::Read { .. }));
     let says = |bytes: &[u8], part: &str| {
         fs::write(&path, bytes).unwrap();
@@ -191,6 +199,6 @@ proptest! {
 }
 
 fn load_any(path: &Path, is_strip: bool) -> Result<Material, MaterialError> {
-    let info = MaterialInfo::of_test(Wrap::Mirror);
+    let info = MaterialInfo { wrap: Wrap::Mirror, ..MaterialInfo::made_up("test") };
     if is_strip { inria::load(path, AlbedoEncoding::Gamma, info) } else { npy::load(path, AlbedoEncoding::Gamma, true, info) }
 }

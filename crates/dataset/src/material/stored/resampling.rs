@@ -6,7 +6,6 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
-use crate::material::Wrap;
 
 /// Texels of the tile: eight waves at the Nyquist frequency of a pixel of 16 texels.
 const SIDE: usize = 256;
@@ -40,7 +39,7 @@ impl Grating {
 
     /// The wave in a colour, in the roughness and in the normal.
     fn material(&self) -> Material {
-        Material::build(MaterialInfo::of_test(Wrap::Repeat), SIDE, SIDE, Precision::Sixteen, |x, y| {
+        Material::build(MaterialInfo::made_up("test"), SIDE, SIDE, Precision::Sixteen, |x, y| {
             let wave = self.phase(x as f64, y as f64).cos() as f32;
             let tilt = 0.3 * wave;
             Texel {
@@ -126,7 +125,7 @@ fn frequencies_above_nyquist_leave_no_more_alias_than_the_mean_over_a_pixel() {
 #[test]
 fn a_coarse_material_stays_sharp_until_a_pixel_covers_a_texel() {
     let texel = |x: usize, y: usize| Texel::matte([((x * 7 + y * 3) % 11) as f32 / 10.0; 3]);
-    let info = MaterialInfo { texels: GRID / 4, ..MaterialInfo::of_test(Wrap::Repeat) };
+    let info = MaterialInfo { texels: GRID / 4, ..MaterialInfo::made_up("test") };
     let coarse = Material::build(info, 16, 16, Precision::Sixteen, texel).unwrap();
     for i in 0..256 {
         let (x, y) = (i % 16, i / 16);

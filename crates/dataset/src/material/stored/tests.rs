@@ -10,7 +10,7 @@ fn texel(x: usize, y: usize) -> Texel {
 }
 
 fn material(width: usize, height: usize, wrap: Wrap, precision: Precision) -> Material {
-    Material::build(MaterialInfo::of_test(wrap), width, height, precision, texel).unwrap()
+    Material::build(MaterialInfo { wrap, ..MaterialInfo::made_up("test") }, width, height, precision, texel).unwrap()
 }
 
 fn values(t: Texel) -> [f32; 10] {
@@ -124,7 +124,7 @@ fn a_block_has_the_bits_of_its_samples() {
 
 #[test]
 fn a_denser_material_shows_more_texels_over_the_same_ground() {
-    let mut dense = MaterialInfo::of_test(Wrap::Repeat);
+    let mut dense = MaterialInfo::made_up("test");
     dense.texels = 2 * GRID;
     let stored = Material::build(dense, 16, 16, Precision::Sixteen, texel).unwrap();
     // Texels 0 and 1 of the tile lie under texel 0 of the grid, their common edge at its centre.
@@ -150,11 +150,11 @@ fn a_4096_material_fits_the_budget() {
 fn bad_texels_are_refused_and_bad_places_survived() {
     let nan = |x: usize, y: usize| Texel { roughness: if (x, y) == (3, 2) { f32::NAN } else { 0.5 }, ..texel(x, y) };
     assert!(matches!(
-        Material::build(MaterialInfo::of_test(Wrap::Repeat), 4, 4, Precision::Eight, nan),
+        Material::build(MaterialInfo::made_up("test"), 4, 4, Precision::Eight, nan),
         Err(MaterialError::NonFinite { .. })
     ));
     assert!(matches!(
-        Material::build(MaterialInfo::of_test(Wrap::Repeat), 0, 4, Precision::Eight, texel),
+        Material::build(MaterialInfo::made_up("test"), 0, 4, Precision::Eight, texel),
         Err(MaterialError::Size { .. })
     ));
     let stored = material(4, 4, Wrap::Mirror, Precision::Eight);

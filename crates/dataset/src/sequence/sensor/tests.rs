@@ -9,7 +9,7 @@ use render::texel::Texel;
 
 use super::*;
 use crate::material::augment::{Augmentation, AugmentedMaterial};
-use crate::material::{Material, MaterialInfo, Precision, Wrap};
+use crate::material::{Material, MaterialInfo, Precision};
 use crate::path::CameraPath;
 use crate::sequence::lights::VideoLights;
 use crate::sequence::tests::{sequence, with_sensor};
@@ -86,15 +86,7 @@ const RES: usize = 96;
 /// of the world's x and y.
 fn moving(diffuse: impl Fn(f32, f32) -> f32 + Sync, options: &str) -> Sequence {
     let size = 1024;
-    let info = MaterialInfo {
-        name: "test".into(),
-        identity: "test".into(),
-        source: "test".into(),
-        licence: "CC0".into(),
-        textured: Some(true),
-        wrap: Wrap::Repeat,
-        texels: size,
-    };
+    let info = MaterialInfo { texels: size, ..MaterialInfo::made_up("test") };
     let world = |v: usize| (v as f32 + 0.5) / size as f32 * 2.0 - 1.0;
     let texel = |x: usize, y: usize| Texel {
         normal: [0.0, 0.0, 1.0],
