@@ -12,6 +12,7 @@ use dataset::path::PathConfig;
 use dataset::sequence::{Sequence, SequenceConfig};
 use dataset::stream::Stream;
 use ops::kernel::peak::Peak;
+use ops::process::peak_rss_mib;
 use render::direction::unit;
 use render::texel::Texel;
 
@@ -32,7 +33,7 @@ impl Cost {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     const ROUNDS: usize = 5;
     println!("{}\n", Peak::measure());
-    println!("| material | frames | side | material MB | frames s | flow s | targets s | all s | frames/s | most memory MB |");
+    println!("| material | frames | side | material MB | frames s | flow s | targets s | all s | frames/s | most memory MiB |");
     println!("|---|---|---|---|---|---|---|---|---|---|");
     for (texels, rate, side) in [(4096, 1.0, 256), (1024, 1.0, 256), (4096, 4.0, 256), (4096, 1.0, 512)] {
         let material = material(texels)?;
@@ -45,7 +46,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             "| {texels}² | {count} | {side}² | {} | {frames:.2} | {flow:.2} | {targets:.2} | {all:.2} | {:.0} | {} |",
             material.bytes() / 1_000_000,
             count as f64 / all,
-            most_memory_mb()
+            peak_rss_mib().unwrap_or(f64::NAN) as usize
         );
     }
     Ok(())
@@ -84,11 +85,4 @@ fn material(size: usize) -> Result<Arc<Material>, Box<dyn std::error::Error>> {
         }
     };
     Ok(Arc::new(Material::build(info, size, size, Precision::Eight, texel)?))
-}
-
-/// The most memory that this process has held; 0 where the system doesn't tell.
-fn most_memory_mb() -> usize {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-    line.and_then(|v| v.trim().trim_end_matches("kB").trim().parse::<usize>().ok()).map_or(0, |kb| kb / 1000)
 }

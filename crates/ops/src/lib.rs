@@ -20,6 +20,7 @@ pub mod gradcheck;
 pub mod homography;
 pub mod kernel;
 pub mod planes;
+pub mod process;
 pub mod resample;
 pub mod warp;
 pub mod weights;

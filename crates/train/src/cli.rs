@@ -110,7 +110,7 @@ fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     interrupt::install().map_err(|error| Failure::Usage(format!("cannot listen for Ctrl-C: {error}")))?;
     let stop = |_| interrupt::requested();
     let checkpoint = arguments.checkpoint.clone();
-    let revision = crate::process::revision();
+    let revision = crate::revision::revision();
     let mut pipeline = Pipeline { config: &config, folder: &folder, device, materials, revision, checkpoint, stop: &stop };
     match pipeline.run()? {
         Ending::Done => {
@@ -159,7 +159,7 @@ fn describe_run(folder: &RunFolder, config: &Config, arguments: &Arguments) -> R
     let run = json!({
         "name": config.run.name,
         "command": std::env::args().collect::<Vec<_>>(),
-        "revision": crate::process::revision(),
+        "revision": crate::revision::revision(),
         "version": env!("CARGO_PKG_VERSION"),
         "burn": "0.22.1",
         "device": arguments.device,

@@ -54,7 +54,7 @@ impl Finished {
     /// The system's refusal.
     pub fn add(&mut self, folder: &RunFolder, stage: FinishedStage) -> Result<(), RunError> {
         self.stages.push(stage);
-        self.peak_rss_mib = self.peak_rss_mib.into_iter().chain(crate::process::peak_rss_mib()).reduce(f64::max);
+        self.peak_rss_mib = self.peak_rss_mib.into_iter().chain(ops::process::peak_rss_mib()).reduce(f64::max);
         folder.write(FILE, &crate::report::pretty(self)?)?;
         Ok(())
     }

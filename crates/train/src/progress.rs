@@ -85,7 +85,7 @@ fn describe(status: &Status<'_>) -> String {
     }
     parts.push(format!("{:.2}/s", status.samples_per_second));
     parts.push(format!("data {:.0} %", 100.0 * status.waiting));
-    if let Some(memory) = crate::process::rss_mib() {
+    if let Some(memory) = ops::process::rss_mib() {
         parts.push(format!("{memory:.0} MiB"));
     }
     parts.join(", ")

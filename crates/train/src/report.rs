@@ -76,7 +76,7 @@ pub fn write(
     let mut report = Map::new();
     report.insert("name".into(), json!(config.run.name));
     report.insert("minutes".into(), json!(seconds / 60.0));
-    let peak = finished.peak_rss_mib.into_iter().chain(crate::process::peak_rss_mib()).reduce(f64::max);
+    let peak = finished.peak_rss_mib.into_iter().chain(ops::process::peak_rss_mib()).reduce(f64::max);
     report.insert("peak_rss_mib".into(), json!(peak));
     for (stage, measured, name) in FROM_STAGES {
         if let Some(value) = finished.measured(stage, measured) {
