@@ -43,17 +43,32 @@ fn convolution_equals_its_reference() {
         (2, 18, 7, 16, 40),
         (3, 4, 13, 20, 17),
         (1, 2, 6, 4, 64),
+        (1, 3, 2, 40, 39),
+        (2, 1, 18, 41, 40),
         (2, 19, 3, 3, 2),
     ];
     for padding in [Padding::Edge, Padding::Zero] {
         for (stride, dilation) in [(1, 1), (2, 1), (1, 2), (1, 4)] {
             for (n, i, o, h, w) in sizes {
-                let geometry = Conv3x3 { stride, dilation, padding };
+                let geometry = Conv3x3 { stride, dilation, ..Conv3x3::same(padding) };
                 let inputs = [wave([n, i, h, w], 0.0), wave([o, i, 3, 3], 1.0)];
                 let fast = value_and_gradients(&inputs, |t| ops::conv::conv3x3(t[0].clone(), t[1].clone(), geometry));
                 let plain = value_and_gradients(&inputs, |t| ops::conv::reference(t[0].clone(), t[1].clone(), geometry));
                 assert_equal(&format!("{geometry:?} on {n}×{i}→{o}×{h}×{w}"), &fast, &plain);
             }
+        }
+    }
+}
+
+#[test]
+fn enlarging_convolution_equals_its_reference() {
+    for padding in [Padding::Edge, Padding::Zero] {
+        let geometry = Conv3x3::enlarging(padding);
+        for (n, i, o, h, w) in [(1, 1, 1, 1, 1), (2, 3, 5, 4, 9), (1, 2, 1, 1, 16), (2, 40, 7, 5, 17), (3, 4, 13, 20, 33)] {
+            let inputs = [wave([n, i, h, w], 0.0), wave([o, i, 3, 3], 1.0)];
+            let fast = value_and_gradients(&inputs, |t| ops::conv::conv3x3(t[0].clone(), t[1].clone(), geometry));
+            let plain = value_and_gradients(&inputs, |t| ops::conv::reference(t[0].clone(), t[1].clone(), geometry));
+            assert_equal(&format!("{geometry:?} on {n}×{i}→{o}×{h}×{w}"), &fast, &plain);
         }
     }
 }

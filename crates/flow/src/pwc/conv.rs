@@ -61,7 +61,7 @@ impl Conv {
     }
 
     fn convolve(&self, x: Tensor<4>) -> (Tensor<4>, Tensor<2>) {
-        let geometry = Conv3x3 { stride: self.stride, dilation: self.dilation, padding: Padding::Zero };
+        let geometry = Conv3x3 { stride: self.stride, dilation: self.dilation, ..Conv3x3::same(Padding::Zero) };
         let bias = self.bias.val();
         let channels = bias.dims()[0];
         (conv3x3(x, self.weight.val(), geometry), bias.reshape([1, channels]))

@@ -4,8 +4,6 @@ use rayon::prelude::*;
 
 use super::vectorise::vectorised;
 
-const LANES: usize = 8;
-
 /// Sizes of a cost volume.
 #[derive(Clone, Copy, Debug)]
 pub struct Sizes {
@@ -27,122 +25,112 @@ impl Sizes {
     }
 }
 
-/// Planes with a zero border of `radius` and room for one vector to read past a row's end.
+/// Planes with a zero border of `radius`.
 struct Padded {
     data: Vec<f32>,
     plane: usize,
     row: usize,
+    width: usize,
 }
 
-fn pad(x: &[f32], s: &Sizes) -> Padded {
-    let row = s.w + 2 * s.radius + LANES;
-    let plane = (s.h + 2 * s.radius) * row;
-    let planes = x.len() / (s.h * s.w);
-    let mut data = vec![0.0f32; planes * plane];
-    data.par_chunks_mut(plane).zip(x.par_chunks(s.h * s.w)).for_each(|(to, from)| {
-        for y in 0..s.h {
-            to[(y + s.radius) * row + s.radius..][..s.w].copy_from_slice(&from[y * s.w..][..s.w]);
-        }
-    });
-    Padded { data, plane, row }
+impl Padded {
+    fn new(x: &[f32], s: &Sizes) -> Self {
+        let row = s.w + 2 * s.radius;
+        let plane = (s.h + 2 * s.radius) * row;
+        let mut data = vec![0.0f32; x.len() / (s.h * s.w) * plane];
+        data.par_chunks_mut(plane).zip(x.par_chunks(s.h * s.w)).for_each(|(to, from)| {
+            for y in 0..s.h {
+                to[(y + s.radius) * row + s.radius..][..s.w].copy_from_slice(&from[y * s.w..][..s.w]);
+            }
+        });
+        Self { data, plane, row, width: s.w }
+    }
+
+    /// A row of the plane's own width that begins (`y`, `x`) from the border's corner.
+    #[inline(always)]
+    fn row(&self, plane: usize, y: usize, x: usize) -> &[f32] {
+        &self.data[plane * self.plane + y * self.row + x..][..self.width]
+    }
 }
 
+/// Sets a row to `scale` times the sum of `count` products of two rows.
 #[inline(always)]
-fn lanes(data: &[f32], start: usize) -> &[f32; LANES] {
-    data[start..start + LANES].try_into().expect("lanes")
+fn sum_products<'a>(to: &mut [f32], count: usize, scale: f32, pair: impl Fn(usize) -> [&'a [f32]; 2]) {
+    let width = to.len();
+    let pair = |i: usize| pair(i).map(|row| &row[..width]);
+    to.fill(0.0);
+    // Four at a time, so that the row of sums is loaded and stored less often.
+    for i in (0..count / 4 * 4).step_by(4) {
+        let [[a, b], [c, d], [e, f], [g, h]] = [pair(i), pair(i + 1), pair(i + 2), pair(i + 3)];
+        for x in 0..width {
+            to[x] += (a[x] * b[x] + c[x] * d[x]) + (e[x] * f[x] + g[x] * h[x]);
+        }
+    }
+    for i in count / 4 * 4..count {
+        let [a, b] = pair(i);
+        for x in 0..width {
+            to[x] += a[x] * b[x];
+        }
+    }
+    to.iter_mut().for_each(|to| *to *= scale);
+}
+
+/// Fills planes of `area` numbers row by row: `sum(plane, y, row)`.
+fn fill(out: &mut [f32], s: &Sizes, sum: impl Fn(usize, usize, &mut [f32]) + Sync) {
+    out.par_chunks_mut(s.h * s.w).enumerate().for_each(|(plane, to)| {
+        vectorised(
+            #[inline(always)]
+            || to.chunks_exact_mut(s.w).enumerate().for_each(|(y, row)| sum(plane, y, row)),
+        );
+    });
 }
 
 /// `[N, C, H, W]` twice → `[N, side², H, W]`
 pub fn forward(a: &[f32], b: &[f32], s: &Sizes) -> Vec<f32> {
-    let (side, area, scale) = (s.side(), s.h * s.w, 1.0 / s.c as f32);
-    let (pa, pb) = (pad(a, s), pad(b, s));
-    let rows: Vec<Vec<f32>> = (0..s.n * s.h)
-        .into_par_iter()
-        .map(|i| {
-            let (n, y) = (i / s.h, i % s.h);
-            let mut out = vec![0.0f32; side * side * s.w];
-            let mut acc = vec![[0.0f32; LANES]; side];
-            vectorised(|| {
-                for dy in 0..side {
-                    for x in (0..s.w).step_by(LANES) {
-                        acc.fill([0.0; LANES]);
-                        for c in 0..s.c {
-                            let plane = (n * s.c + c) * pa.plane;
-                            let va = lanes(&pa.data, plane + (y + s.radius) * pa.row + s.radius + x);
-                            let from = plane + (y + dy) * pb.row + x;
-                            for (dx, acc) in acc.iter_mut().enumerate() {
-                                let vb = lanes(&pb.data, from + dx);
-                                for l in 0..LANES {
-                                    acc[l] += va[l] * vb[l];
-                                }
-                            }
-                        }
-                        let count = LANES.min(s.w - x);
-                        for (dx, acc) in acc.iter().enumerate() {
-                            let to = &mut out[(dy * side + dx) * s.w + x..][..count];
-                            to.iter_mut().zip(acc).for_each(|(t, v)| *t = v * scale);
-                        }
-                    }
-                }
-            });
-            out
-        })
-        .collect();
-    let mut out = vec![0.0f32; s.n * side * side * area];
-    out.par_chunks_mut(area).enumerate().for_each(|(i, plane)| {
-        let (n, d) = (i / (side * side), i % (side * side));
-        for y in 0..s.h {
-            plane[y * s.w..][..s.w].copy_from_slice(&rows[n * s.h + y][d * s.w..][..s.w]);
-        }
-    });
+    let (side, r) = (s.side(), s.radius);
+    let (a, b) = (Padded::new(a, s), Padded::new(b, s));
+    let mut out = vec![0.0f32; s.n * side * side * s.h * s.w];
+    fill(
+        &mut out,
+        s,
+        #[inline(always)]
+        |plane, y, row| {
+            let (n, dy, dx) = (plane / (side * side), plane / side % side, plane % side);
+            let first = n * s.c;
+            sum_products(row, s.c, 1.0 / s.c as f32, |c| [a.row(first + c, y + r, r), b.row(first + c, y + dy, dx)]);
+        },
+    );
     out
 }
 
 /// Gradients of both inputs from `gradient [N, side², H, W]`.
 pub fn backward(a: &[f32], b: &[f32], gradient: &[f32], s: &Sizes) -> (Vec<f32>, Vec<f32>) {
-    let (pa, pb, pg) = (pad(a, s), pad(b, s), pad(gradient, s));
-    // a's pixel p meets b at p + d under gradient p; b's pixel q meets a at q − d under gradient q − d.
-    (gather(&pg, &pb, s, false), gather(&pg, &pa, s, true))
-}
-
-/// `out[n, c, q] = 1/C Σ_d gradient[n, d, q − shift] · other[n, c, q ± d]`
-fn gather(gradient: &Padded, other: &Padded, s: &Sizes, reversed: bool) -> Vec<f32> {
-    /// Channels that share one load of the gradient.
-    const CHANNELS: usize = 4;
-    let (side, r, scale) = (s.side(), s.radius, 1.0 / s.c as f32);
-    let groups = s.c.div_ceil(CHANNELS);
-    let tiles: Vec<Vec<f32>> = (0..s.n * groups)
-        .into_par_iter()
-        .map(|i| {
-            let (n, first) = (i / groups, i % groups * CHANNELS);
-            let count = CHANNELS.min(s.c - first);
-            let mut out = vec![0.0f32; count * s.h * s.w];
-            vectorised(|| {
-                for y in 0..s.h {
-                    for x in (0..s.w).step_by(LANES) {
-                        let mut acc = [[0.0f32; LANES]; CHANNELS];
-                        for d in 0..side * side {
-                            let (dy, dx) = if reversed { (2 * r - d / side, 2 * r - d % side) } else { (d / side, d % side) };
-                            let at = if reversed { (y + dy, x + dx) } else { (y + r, x + r) };
-                            let g = lanes(&gradient.data, (n * side * side + d) * gradient.plane + at.0 * gradient.row + at.1);
-                            let from = (y + dy) * other.row + x + dx;
-                            for (c, acc) in acc.iter_mut().enumerate() {
-                                let v = lanes(&other.data, (n * s.c + first + c.min(count - 1)) * other.plane + from);
-                                for l in 0..LANES {
-                                    acc[l] += g[l] * v[l];
-                                }
-                            }
-                        }
-                        let width = LANES.min(s.w - x);
-                        for (c, acc) in acc[..count].iter().enumerate() {
-                            let to = &mut out[(c * s.h + y) * s.w + x..][..width];
-                            to.iter_mut().zip(acc).for_each(|(t, v)| *t = v * scale);
-                        }
-                    }
-                }
+    let (side, r) = (s.side(), s.radius);
+    let (volume, scale) = (side * side, 1.0 / s.c as f32);
+    let (pa, pb, g) = (Padded::new(a, s), Padded::new(b, s), Padded::new(gradient, s));
+    let (mut ga, mut gb) = (vec![0.0f32; a.len()], vec![0.0f32; b.len()]);
+    // a's pixel p meets b at p + d under gradient p.
+    fill(
+        &mut ga,
+        s,
+        #[inline(always)]
+        |plane, y, row| {
+            let first = plane / s.c * volume;
+            sum_products(row, volume, scale, |d| [g.row(first + d, y + r, r), pb.row(plane, y + d / side, d % side)]);
+        },
+    );
+    // b's pixel q meets a at q − d under gradient q − d.
+    fill(
+        &mut gb,
+        s,
+        #[inline(always)]
+        |plane, y, row| {
+            let first = plane / s.c * volume;
+            sum_products(row, volume, scale, |d| {
+                let (y, x) = (y + 2 * r - d / side, 2 * r - d % side);
+                [g.row(first + d, y, x), pa.row(plane, y, x)]
             });
-            out
-        })
-        .collect();
-    tiles.concat()
+        },
+    );
+    (ga, gb)
 }

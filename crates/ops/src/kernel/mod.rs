@@ -7,10 +7,12 @@
 mod autodiff;
 pub mod conv;
 pub mod correlation;
+mod enlarging;
 pub mod peak;
 pub mod pointwise;
 pub mod sampling;
 mod tile;
+mod transposed;
 pub mod vectorise;
 
 use burn::backend::{Backend, Flex, backend_extension, tensor::FloatTensor};

@@ -1,21 +1,19 @@
-//! The two inner loops of every convolution pass, written once for AVX2+FMA and once for any processor.
+//! The two inner loops of every convolution pass, written once for vectors of any length and once for any processor.
 //!
 //! Both read *rows of pixels*: for each of `K` taps (an input channel at one kernel offset) a run of consecutive pixels at
 //! `base + offsets[k]`. Vectors run along the pixels, so no layout change is needed anywhere.
 
 /// Pixels per register tile.
 pub const TILE: usize = 16;
-/// Lanes of one vector.
-pub const LANES: usize = 8;
-/// Most output channels of a register tile: 6 × 16 accumulators fill twelve of sixteen AVX registers.
-pub const MOST_OUTPUTS: usize = 6;
-/// Output channels and taps of a weight-gradient tile.
-pub const DOT: usize = 3;
+/// Most output channels of a register tile.
+pub const MOST_OUTPUTS: usize = 16;
+/// Most taps of a weight-gradient tile.
+const MOST_TAPS: usize = 9;
 
 /// Accumulators of a tile: `outputs × TILE`.
 pub type Accumulators = [[f32; TILE]; MOST_OUTPUTS];
-/// Accumulators of a weight-gradient tile: output channel, tap, lane.
-pub type DotAccumulators = [[[f32; LANES]; DOT]; DOT];
+/// What [`TILE`] output channels have at one pixel or tap.
+pub type Outputs = [f32; TILE];
 
 /// Where each tap's pixels start, relative to a tile's base, and the largest of these distances.
 pub struct Offsets {
@@ -45,24 +43,56 @@ impl Offsets {
 /// Which instructions a kernel may use; found once per call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Instructions {
+    /// x86-64 with AVX-512.
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
     /// x86-64 with AVX2 and FMA.
     #[cfg(target_arch = "x86_64")]
     Avx2,
+    /// 64-bit ARM.
+    #[cfg(target_arch = "aarch64")]
+    Neon,
     /// Whatever the compiler's baseline offers.
     Portable,
 }
 
 impl Instructions {
-    /// The best this processor has.
-    pub fn detect() -> Self {
+    /// All that this processor has, the best first.
+    pub fn available() -> impl Iterator<Item = Self> {
+        let mut found = Vec::with_capacity(3);
         #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma") {
-            return Self::Avx2;
+        {
+            let avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
+            found.extend((avx2 && is_x86_feature_detected!("avx512f")).then_some(Self::Avx512));
+            found.extend(avx2.then_some(Self::Avx2));
         }
-        Self::Portable
+        #[cfg(target_arch = "aarch64")]
+        found.extend(std::arch::is_aarch64_feature_detected!("neon").then_some(Self::Neon));
+        found.push(Self::Portable);
+        found.into_iter()
     }
 
-    /// `out[r][p] = Σ_k weights[k · outputs + r] · source[base + offsets[k] + p]` for `outputs` (1 to 6) output channels.
+    /// The best this processor has.
+    pub fn detect() -> Self {
+        static BEST: std::sync::OnceLock<Instructions> = std::sync::OnceLock::new();
+        *BEST.get_or_init(|| Self::available().next().unwrap_or(Self::Portable))
+    }
+
+    /// Output channels of a register tile: as many accumulators as the registers hold beside their operands.
+    pub fn most_outputs(self) -> usize {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => avx512::MOST_OUTPUTS,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => avx2::MOST_OUTPUTS,
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => neon::MOST_OUTPUTS,
+            Self::Portable => 6,
+        }
+    }
+
+    /// `out[r][p] = Σ_k weights[k · outputs + r] · source[base + offsets[k] + p]` for `outputs` output channels, 1 to
+    /// [`Self::most_outputs`].
     #[inline]
     pub fn correlate(
         self,
@@ -73,28 +103,73 @@ impl Instructions {
         weights: &[f32],
         out: &mut Accumulators,
     ) {
-        assert!(weights.len() == offsets.len() * outputs && base + offsets.reach + TILE <= source.len());
-        match self {
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: `Avx2` is only made by `detect` after both features were found; all loads were checked above.
-            Self::Avx2 => unsafe { avx2::correlate(outputs, source, base, offsets, weights, out) },
-            Self::Portable => portable_correlate(outputs, source, base, offsets, weights, out),
+        assert!((1..=self.most_outputs()).contains(&outputs) && weights.len() == offsets.len() * outputs);
+        assert!(base + offsets.reach + TILE <= source.len());
+        // SAFETY: a variant is only made after its features were found; outputs, weights and loads were checked above.
+        unsafe {
+            match self {
+                #[cfg(target_arch = "x86_64")]
+                Self::Avx512 => avx512::correlate(outputs, source, base, offsets, weights, out),
+                #[cfg(target_arch = "x86_64")]
+                Self::Avx2 => avx2::correlate(outputs, source, base, offsets, weights, out),
+                #[cfg(target_arch = "aarch64")]
+                Self::Neon => neon::correlate(outputs, source, base, offsets, weights, out),
+                Self::Portable => portable_correlate(outputs, source, base, offsets, weights, out),
+            }
         }
     }
 
-    /// `acc[i][j][l] += Σ_p gradient_i[p] · x_j[p]` over the rows' pixels, lane by lane, for the first `rows` (1 to 3) gradients.
-    #[inline]
-    pub fn dot(self, rows: usize, gradient: [&[f32]; DOT], x: [&[f32]; DOT], acc: &mut DotAccumulators) {
-        let length = gradient[0].len();
-        assert!(gradient.iter().chain(&x).all(|r| r.len() == length));
+    /// Taps of a weight-gradient tile.
+    pub fn taps(self) -> usize {
         match self {
             #[cfg(target_arch = "x86_64")]
-            // SAFETY: `Avx2` is only made by `detect` after both features were found; the lengths were checked above.
-            Self::Avx2 => unsafe { avx2::dot(rows, gradient, x, acc) },
-            Self::Portable => portable_dot(rows, 0, gradient, x, acc),
+            Self::Avx512 => avx512::TAPS,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => avx2::TAPS,
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => neon::TAPS,
+            Self::Portable => MOST_TAPS,
+        }
+    }
+
+    /// `sums[k][o] += Σ_p gradient[p][o] · source[starts[k] + p]` for [`Self::taps`] taps.
+    #[inline]
+    pub fn outer(self, source: &[f32], starts: &[usize], gradient: &[Outputs], sums: &mut [Outputs]) {
+        assert!(starts.len() == self.taps() && sums.len() == self.taps());
+        assert!(starts.iter().all(|start| start + gradient.len() <= source.len()));
+        // SAFETY: a variant is only made after its features were found; lengths were checked above.
+        unsafe {
+            match self {
+                #[cfg(target_arch = "x86_64")]
+                Self::Avx512 => avx512::outer(source, starts, gradient, sums),
+                #[cfg(target_arch = "x86_64")]
+                Self::Avx2 => avx2::outer(source, starts, gradient, sums),
+                #[cfg(target_arch = "aarch64")]
+                Self::Neon => neon::outer(source, starts, gradient, sums),
+                Self::Portable => portable_outer(source, starts, gradient, sums),
+            }
+        }
+    }
+
+    /// Runs ten chains of multiply-adds; what they sum up to, and operations per round.
+    pub fn multiply_adds(self, factor: f32, rounds: usize) -> (f32, usize) {
+        // SAFETY: a variant is only made after its features were found.
+        unsafe {
+            match self {
+                #[cfg(target_arch = "x86_64")]
+                Self::Avx512 => avx512::multiply_adds(factor, rounds),
+                #[cfg(target_arch = "x86_64")]
+                Self::Avx2 => avx2::multiply_adds(factor, rounds),
+                #[cfg(target_arch = "aarch64")]
+                Self::Neon => neon::multiply_adds(factor, rounds),
+                Self::Portable => portable_multiply_adds(factor, rounds),
+            }
         }
     }
 }
+
+/// Chains of multiply-adds that [`Instructions::multiply_adds`] runs: enough to hide the latency of one.
+const CHAINS: usize = 10;
 
 fn portable_correlate(outputs: usize, source: &[f32], base: usize, offsets: &Offsets, weights: &[f32], out: &mut Accumulators) {
     *out = [[0.0; TILE]; MOST_OUTPUTS];
@@ -106,156 +181,219 @@ fn portable_correlate(outputs: usize, source: &[f32], base: usize, offsets: &Off
     }
 }
 
-fn portable_dot(rows: usize, start: usize, gradient: [&[f32]; DOT], x: [&[f32]; DOT], acc: &mut DotAccumulators) {
-    for (sums, g) in acc.iter_mut().zip(gradient).take(rows) {
-        for (lanes, x) in sums.iter_mut().zip(x) {
-            for (g, x) in g[start..].chunks(LANES).zip(x[start..].chunks(LANES)) {
-                lanes.iter_mut().zip(g.iter().zip(x)).for_each(|(l, (g, x))| *l += g * x);
-            }
+fn portable_outer(source: &[f32], starts: &[usize], gradient: &[Outputs], sums: &mut [Outputs]) {
+    for (sums, &start) in sums.iter_mut().zip(starts) {
+        let mut acc = [0.0; TILE];
+        for (gradient, x) in gradient.iter().zip(&source[start..]) {
+            acc.iter_mut().zip(gradient).for_each(|(acc, g)| *acc += g * x);
         }
+        sums.iter_mut().zip(acc).for_each(|(sum, acc)| *sum += acc);
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-mod avx2 {
-    use std::arch::x86_64::{
-        __m256, _mm256_broadcast_ss, _mm256_fmadd_ps, _mm256_loadu_ps, _mm256_setzero_ps, _mm256_storeu_ps,
+fn portable_multiply_adds(factor: f32, rounds: usize) -> (f32, usize) {
+    let mut chains = [[1.0f32; 8]; CHAINS];
+    for _ in 0..rounds {
+        chains.as_flattened_mut().iter_mut().for_each(|lane| *lane = *lane * factor + 0.5);
+    }
+    (chains.as_flattened().iter().sum(), 2 * 8 * CHAINS)
+}
+
+/// The loops for one kind of vector. `$outputs` counts the output channels of a tile up to the most.
+macro_rules! vector_loops {
+    (
+        $module:ident, $features:tt, $vector:ident, $lanes:literal, $most:literal, [$($outputs:literal)*], $taps:literal,
+        $zero:expr, $splat:ident, $load:ident, $store:ident, |$sum:ident, $a:ident, $b:ident| $multiply_add:expr
+    ) => {
+        mod $module {
+            #[cfg(target_arch = "aarch64")]
+            use std::arch::aarch64::*;
+            #[cfg(target_arch = "x86_64")]
+            use std::arch::x86_64::*;
+
+            use super::{Accumulators, CHAINS, Offsets, Outputs, TILE};
+
+            const LANES: usize = $lanes;
+            const VECTORS: usize = TILE / LANES;
+            pub const MOST_OUTPUTS: usize = $most;
+            pub const TAPS: usize = $taps;
+
+            /// # Safety
+            /// Needs the module's features, `base + offset + TILE <= source.len()` for every offset, and `outputs` weights per
+            /// offset, 1 to [`MOST_OUTPUTS`].
+            #[target_feature(enable = $features)]
+            pub unsafe fn correlate(
+                outputs: usize,
+                source: &[f32],
+                base: usize,
+                offsets: &Offsets,
+                weights: &[f32],
+                out: &mut Accumulators,
+            ) {
+                // SAFETY: the caller's promise is passed on.
+                unsafe {
+                    match outputs {
+                        $($outputs => correlate_outputs::<$outputs>(source, base, offsets, weights, out),)*
+                        _ => unreachable!("more outputs than a tile has"),
+                    }
+                }
+            }
+
+            #[inline]
+            #[target_feature(enable = $features)]
+            unsafe fn correlate_outputs<const R: usize>(
+                source: &[f32],
+                base: usize,
+                offsets: &Offsets,
+                weights: &[f32],
+                out: &mut Accumulators,
+            ) {
+                // SAFETY: `correlate`'s promise covers every load; stores go to `R` whole rows of `out`.
+                unsafe {
+                    let start = source.as_ptr().add(base);
+                    let mut weight = weights.as_ptr();
+                    let mut acc: [[$vector; VECTORS]; R] = [[$zero; VECTORS]; R];
+                    for &offset in &offsets.taps {
+                        let mut x = [$zero; VECTORS];
+                        for (i, x) in x.iter_mut().enumerate() {
+                            *x = $load(start.add(offset + i * LANES));
+                        }
+                        for (r, acc) in acc.iter_mut().enumerate() {
+                            let $a = $splat(*weight.add(r));
+                            for ($sum, &$b) in acc.iter_mut().zip(&x) {
+                                *$sum = $multiply_add;
+                            }
+                        }
+                        weight = weight.add(R);
+                    }
+                    for (to, acc) in out.iter_mut().zip(acc) {
+                        for (i, acc) in acc.into_iter().enumerate() {
+                            $store(to.as_mut_ptr().add(i * LANES), acc);
+                        }
+                    }
+                }
+            }
+
+            /// # Safety
+            /// Needs the module's features, [`TAPS`] starts and sums, and `start + gradient.len() <= source.len()` for every
+            /// start.
+            #[target_feature(enable = $features)]
+            pub unsafe fn outer(source: &[f32], starts: &[usize], gradient: &[Outputs], sums: &mut [Outputs]) {
+                // SAFETY: the caller's promise covers every load and store.
+                unsafe {
+                    let mut x = [source.as_ptr(); TAPS];
+                    let mut acc: [[$vector; VECTORS]; TAPS] = [[$zero; VECTORS]; TAPS];
+                    for (x, start) in x.iter_mut().zip(starts) {
+                        *x = x.add(*start);
+                    }
+                    for (p, gradient) in gradient.iter().enumerate() {
+                        let mut g = [$zero; VECTORS];
+                        for (i, g) in g.iter_mut().enumerate() {
+                            *g = $load(gradient.as_ptr().add(i * LANES));
+                        }
+                        for (x, acc) in x.iter().zip(&mut acc) {
+                            let $a = $splat(*x.add(p));
+                            for ($sum, &$b) in acc.iter_mut().zip(&g) {
+                                *$sum = $multiply_add;
+                            }
+                        }
+                    }
+                    // Sums of sums: over thousands of pixels, one running sum would lose digits.
+                    let $a = $splat(1.0);
+                    for (sums, acc) in sums.iter_mut().zip(acc) {
+                        for (i, $b) in acc.into_iter().enumerate() {
+                            let to = sums.as_mut_ptr().add(i * LANES);
+                            let $sum = &mut $load(to);
+                            $store(to, $multiply_add);
+                        }
+                    }
+                }
+            }
+
+            /// # Safety
+            /// Needs the module's features.
+            #[target_feature(enable = $features)]
+            pub unsafe fn multiply_adds(factor: f32, rounds: usize) -> (f32, usize) {
+                // SAFETY: the caller's promise; stores go to whole rows of `lanes`.
+                unsafe {
+                    let ($a, half) = ($splat(factor), $splat(0.5));
+                    let mut chains = [half; CHAINS];
+                    for (i, chain) in chains.iter_mut().enumerate() {
+                        // Equal chains would be computed once.
+                        *chain = $splat(i as f32);
+                    }
+                    for _ in 0..rounds {
+                        for chain in &mut chains {
+                            let ($sum, $b) = (&mut { half }, *chain);
+                            *chain = $multiply_add;
+                        }
+                    }
+                    let mut lanes = [[0.0f32; LANES]; CHAINS];
+                    for (to, chain) in lanes.iter_mut().zip(chains) {
+                        $store(to.as_mut_ptr(), chain);
+                    }
+                    (lanes.as_flattened().iter().sum(), 2 * LANES * CHAINS)
+                }
+            }
+        }
     };
-
-    use super::{Accumulators, DOT, DotAccumulators, LANES, Offsets};
-
-    /// # Safety
-    /// Needs AVX2 and FMA, `base + offset + TILE <= source.len()` for every offset and `outputs` weights per offset.
-    #[target_feature(enable = "avx2,fma")]
-    pub unsafe fn correlate(
-        outputs: usize,
-        source: &[f32],
-        base: usize,
-        offsets: &Offsets,
-        weights: &[f32],
-        out: &mut Accumulators,
-    ) {
-        // SAFETY: the caller's promise is passed on.
-        unsafe {
-            match outputs {
-                1 => correlate_outputs::<1>(source, base, offsets, weights, out),
-                2 => correlate_outputs::<2>(source, base, offsets, weights, out),
-                3 => correlate_outputs::<3>(source, base, offsets, weights, out),
-                4 => correlate_outputs::<4>(source, base, offsets, weights, out),
-                5 => correlate_outputs::<5>(source, base, offsets, weights, out),
-                _ => correlate_outputs::<6>(source, base, offsets, weights, out),
-            }
-        }
-    }
-
-    #[inline]
-    #[target_feature(enable = "avx2,fma")]
-    unsafe fn correlate_outputs<const R: usize>(
-        source: &[f32],
-        base: usize,
-        offsets: &Offsets,
-        weights: &[f32],
-        out: &mut Accumulators,
-    ) {
-        // SAFETY: `correlate`'s promise covers every load; stores go to `R` whole rows of `out`.
-        unsafe {
-            let start = source.as_ptr().add(base);
-            let mut weight = weights.as_ptr();
-            let mut acc: [[__m256; 2]; R] = [[_mm256_setzero_ps(); 2]; R];
-            for &offset in &offsets.taps {
-                let x0 = _mm256_loadu_ps(start.add(offset));
-                let x1 = _mm256_loadu_ps(start.add(offset + LANES));
-                for (r, acc) in acc.iter_mut().enumerate() {
-                    let w = _mm256_broadcast_ss(&*weight.add(r));
-                    acc[0] = _mm256_fmadd_ps(w, x0, acc[0]);
-                    acc[1] = _mm256_fmadd_ps(w, x1, acc[1]);
-                }
-                weight = weight.add(R);
-            }
-            for (to, acc) in out.iter_mut().zip(acc) {
-                _mm256_storeu_ps(to.as_mut_ptr(), acc[0]);
-                _mm256_storeu_ps(to.as_mut_ptr().add(LANES), acc[1]);
-            }
-        }
-    }
-
-    /// # Safety
-    /// Needs AVX2 and FMA and six rows of one length.
-    #[target_feature(enable = "avx2,fma")]
-    pub unsafe fn dot(rows: usize, gradient: [&[f32]; DOT], x: [&[f32]; DOT], acc: &mut DotAccumulators) {
-        // SAFETY: the caller's promise is passed on.
-        unsafe {
-            match rows {
-                1 => dot_rows::<1>(gradient, x, acc),
-                2 => dot_rows::<2>(gradient, x, acc),
-                _ => dot_rows::<3>(gradient, x, acc),
-            }
-        }
-        let whole = gradient[0].len() / LANES * LANES;
-        // Most rows are whole vectors, and the nine empty loops would cost more than a short row itself.
-        if whole < gradient[0].len() {
-            super::portable_dot(rows, whole, gradient, x, acc);
-        }
-    }
-
-    #[inline]
-    #[target_feature(enable = "avx2,fma")]
-    unsafe fn dot_rows<const R: usize>(gradient: [&[f32]; DOT], x: [&[f32]; DOT], acc: &mut DotAccumulators) {
-        let g: [*const f32; DOT] = gradient.map(<[f32]>::as_ptr);
-        let v: [*const f32; DOT] = x.map(<[f32]>::as_ptr);
-        // SAFETY: all rows are `gradient[0].len()` long and `p + LANES` stays within it; `acc` rows are whole vectors.
-        unsafe {
-            let mut sum: [[__m256; DOT]; R] = [[_mm256_setzero_ps(); DOT]; R];
-            for (i, sum) in sum.iter_mut().enumerate() {
-                for (j, sum) in sum.iter_mut().enumerate() {
-                    *sum = _mm256_loadu_ps(acc[i][j].as_ptr());
-                }
-            }
-            for p in (0..gradient[0].len() / LANES * LANES).step_by(LANES) {
-                let (x0, x1, x2) = (_mm256_loadu_ps(v[0].add(p)), _mm256_loadu_ps(v[1].add(p)), _mm256_loadu_ps(v[2].add(p)));
-                for (i, sum) in sum.iter_mut().enumerate() {
-                    let g = _mm256_loadu_ps(g[i].add(p));
-                    sum[0] = _mm256_fmadd_ps(g, x0, sum[0]);
-                    sum[1] = _mm256_fmadd_ps(g, x1, sum[1]);
-                    sum[2] = _mm256_fmadd_ps(g, x2, sum[2]);
-                }
-            }
-            for (acc, sum) in acc.iter_mut().zip(sum) {
-                for (acc, sum) in acc.iter_mut().zip(sum) {
-                    _mm256_storeu_ps(acc.as_mut_ptr(), sum);
-                }
-            }
-        }
-    }
 }
+
+// One accumulator per output: sixteen of 32 registers, and weights come straight from memory into the multiply-add.
+#[cfg(target_arch = "x86_64")]
+vector_loops!(
+    avx512, "avx512f", __m512, 16, 16, [1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16], 9,
+    _mm512_setzero_ps(), _mm512_set1_ps, _mm512_loadu_ps, _mm512_storeu_ps, |sum, a, b| _mm512_fmadd_ps(a, b, *sum)
+);
+// 6 × 16 accumulators fill twelve of sixteen registers.
+#[cfg(target_arch = "x86_64")]
+vector_loops!(
+    avx2, "avx2,fma", __m256, 8, 6, [1 2 3 4 5 6], 6,
+    _mm256_setzero_ps(), _mm256_set1_ps, _mm256_loadu_ps, _mm256_storeu_ps, |sum, a, b| _mm256_fmadd_ps(a, b, *sum)
+);
+// 6 × 16 accumulators fill 24 of 32 registers.
+#[cfg(target_arch = "aarch64")]
+vector_loops!(
+    neon, "neon", float32x4_t, 4, 6, [1 2 3 4 5 6], 6,
+    vdupq_n_f32(0.0), vdupq_n_f32, vld1q_f32, vst1q_f32, |sum, a, b| vfmaq_f32(*sum, a, b)
+);
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn both_routes_agree() {
+    fn all_routes_agree() {
         let source: Vec<f32> = (0..200).map(|i| (i as f32 * 0.37).sin()).collect();
         let offsets = Offsets::new([0, 120, 3, 90, 17].into_iter());
-        for outputs in 1..=MOST_OUTPUTS {
-            let weights: Vec<f32> = (0..offsets.len() * outputs).map(|i| (i as f32).cos()).collect();
-            let (mut fast, mut plain) = ([[0.0; TILE]; MOST_OUTPUTS], [[0.0; TILE]; MOST_OUTPUTS]);
-            Instructions::detect().correlate(outputs, &source, 5, &offsets, &weights, &mut fast);
-            Instructions::Portable.correlate(outputs, &source, 5, &offsets, &weights, &mut plain);
-            for (a, b) in fast[..outputs].iter().flatten().zip(plain[..outputs].iter().flatten()) {
-                assert!((a - b).abs() < 1e-5);
+        for route in Instructions::available() {
+            for outputs in 1..=route.most_outputs() {
+                let weights: Vec<f32> = (0..offsets.len() * outputs).map(|i| (i as f32).cos()).collect();
+                let mut found = [[0.0; TILE]; MOST_OUTPUTS];
+                route.correlate(outputs, &source, 5, &offsets, &weights, &mut found);
+                for (r, p) in (0..outputs * TILE).map(|i| (i / TILE, i % TILE)) {
+                    let term = |k: usize| weights[k * outputs + r] * source[5 + offsets.at(k) + p];
+                    let expected: f32 = (0..offsets.len()).map(term).sum();
+                    assert!((found[r][p] - expected).abs() < 1e-5, "{route:?}, {outputs} outputs");
+                }
+            }
+            let starts: Vec<usize> = (0..route.taps()).map(|k| 17 * k).collect();
+            let gradient: Vec<Outputs> = (0..21).map(|p| std::array::from_fn(|o| ((7 * p + o) as f32).cos())).collect();
+            let mut sums = vec![[0.5; TILE]; route.taps()];
+            route.outer(&source, &starts, &gradient, &mut sums);
+            for (k, o) in (0..route.taps() * TILE).map(|i| (i / TILE, i % TILE)) {
+                let expected = 0.5 + (0..21).map(|p| gradient[p][o] * source[starts[k] + p]).sum::<f32>();
+                assert!((sums[k][o] - expected).abs() < 1e-5, "{route:?}, tap {k}");
             }
         }
-        for length in [1, 8, 13, 40] {
-            let row = |s: usize| &source[s..s + length];
-            let (mut fast, mut plain) = ([[[0.5; LANES]; DOT]; DOT], [[[0.5; LANES]; DOT]; DOT]);
-            for rows in 1..=DOT {
-                Instructions::detect().dot(rows, [row(0), row(31), row(62)], [row(7), row(8), row(9)], &mut fast);
-                Instructions::Portable.dot(rows, [row(0), row(31), row(62)], [row(7), row(8), row(9)], &mut plain);
-            }
-            for (a, b) in fast.iter().flatten().flatten().zip(plain.iter().flatten().flatten()) {
-                assert!((a - b).abs() < 1e-5);
-            }
+    }
+
+    #[test]
+    fn chains_of_multiply_adds_end_at_their_fixed_point() {
+        for route in Instructions::available() {
+            let (sum, operations) = route.multiply_adds(0.5, 100);
+            // x = x/2 + 1/2
+            assert_eq!(sum, operations as f32 / 2.0, "{route:?}");
         }
     }
 }

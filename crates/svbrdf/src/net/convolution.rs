@@ -2,7 +2,7 @@
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
-use ops::conv::{Conv3x3, conv3x3};
+use ops::conv::{Conv3x3, Padding, conv3x3};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
@@ -80,27 +80,32 @@ impl Convolution {
         (rows / norm * self.gain).reshape([out, inputs, 3, 3])
     }
 
-    /// Convolves and normalises.
+    /// Enlarges every pixel to a block of 2×2, convolves and normalises the upper-left `height × width` pixels: an odd level is
+    /// one pixel smaller than twice the next one.
     ///
     /// # Shapes
-    /// `[N, in, H, W]` → `[N, out, ceil(H / stride), ceil(W / stride)]`
-    pub fn forward(&self, x: Tensor<4>, geometry: Conv3x3) -> Tensor<4> {
-        let maps = conv3x3(x, self.filters(), geometry);
-        match &self.affine {
-            Some(affine) => affine.normalise(maps),
-            None => maps,
-        }
+    /// `[N, in, H, W]` → `[N, out, height, width]`
+    pub fn enlarge(&self, x: Tensor<4>, [height, width]: [usize; 2]) -> Tensor<4> {
+        // Cut off afterwards: what is cut off shows the same as what the border would repeat.
+        let raw = conv3x3(x, self.filters(), Conv3x3::enlarging(Padding::Edge));
+        let [n, c, h, w] = raw.dims();
+        self.normalised(if (h, w) == (height, width) { raw } else { raw.slice([0..n, 0..c, 0..height, 0..width]) })
     }
 
     /// Convolves, normalises and keeps the means of the convolution's output.
+    ///
+    /// # Shapes
+    /// `[N, in, H, W]` → `[N, out, ceil(H / stride), ceil(W / stride)]`
     pub fn respond(&self, x: Tensor<4>, geometry: Conv3x3) -> Response {
         let raw = conv3x3(x, self.filters(), geometry);
-        let means = channel_means(raw.clone());
-        let maps = match &self.affine {
+        Response { means: channel_means(raw.clone()), maps: self.normalised(raw) }
+    }
+
+    fn normalised(&self, raw: Tensor<4>) -> Tensor<4> {
+        match &self.affine {
             Some(affine) => affine.normalise(raw),
             None => raw,
-        };
-        Response { maps, means }
+        }
     }
 
     /// Parameters of the filters.

@@ -4,7 +4,6 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use ops::activation::bias_leaky_relu;
 use ops::conv::{Conv3x3, Padding};
-use ops::resample::upsample_nearest2;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
@@ -68,7 +67,7 @@ impl Decoder {
             // The level that this block reaches: its size, and its maps for the next block.
             let skip = levels.pop();
             let [h, w] = skip.as_ref().map_or([height, width], |s| [s.dims()[2], s.dims()[3]]);
-            let enlarged = block.enlarged.forward(crop(upsample_nearest2(x), h, w), SAME);
+            let enlarged = block.enlarged.enlarge(x, [h, w]);
             let response = block.refined.respond(bias_leaky_relu(enlarged, None, LEAK), SAME);
             let step = block.global.forward(response.means, Some(global));
             global = step.global;
@@ -90,13 +89,7 @@ impl Decoder {
     }
 }
 
-const SAME: Conv3x3 = Conv3x3 { stride: 1, dilation: 1, padding: Padding::Edge };
-
-/// The upper-left `height × width` pixels: an odd level is one pixel smaller than twice the next one.
-fn crop(x: Tensor<4>, height: usize, width: usize) -> Tensor<4> {
-    let [n, c, h, w] = x.dims();
-    if (h, w) == (height, width) { x } else { x.slice([0..n, 0..c, 0..height, 0..width]) }
-}
+const SAME: Conv3x3 = Conv3x3::same(Padding::Edge);
 
 /// Zeroes values with probability `share` and scales the rest up, by a mask from the caller's stream.
 fn drop_values(x: Tensor<4>, share: f32, rng: &mut ChaCha8Rng) -> Tensor<4> {

@@ -19,7 +19,7 @@ pub const NORMAL_SLOPE: f32 = 3.0;
 /// Logits beyond this (|tanh| > 0.98) pass less than 4 % of the gradient.
 const FLAT: f32 = 2.3;
 
-const SAME: Conv3x3 = Conv3x3 { stride: 1, dilation: 1, padding: Padding::Edge };
+const SAME: Conv3x3 = Conv3x3::same(Padding::Edge);
 
 #[derive(Module, Debug)]
 struct HeadLayer {
