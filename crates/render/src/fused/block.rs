@@ -169,12 +169,14 @@ struct Lit {
 fn channel<const INRIA: bool>(p: &Pixel, c: usize, lit: &Lit, goal: f32) -> ChannelSlope {
     let (diffuse, reflectance) = terms::<INRIA>(p, c, lit.weight);
     let shifted = lit.irradiance * lit.nl * (diffuse + lit.lobe * reflectance) + LOG_OFFSET;
-    let difference = ln(shifted) - ln(goal + LOG_OFFSET);
-    let sign = if difference > 0.0 { 1.0 } else { 0.0 } - if difference < 0.0 { 1.0 } else { 0.0 };
-    let slope = sign * lit.irradiance / shifted;
+    let (wanted, inverse) = (goal + LOG_OFFSET, 1.0 / shifted);
+    let sign = if shifted > wanted { 1.0 } else { 0.0 } - if shifted < wanted { 1.0 } else { 0.0 };
+    // The one division serves the slope and, as a quotient under one logarithm, the difference.
+    let difference = -sign * ln(wanted * inverse);
+    let slope = sign * lit.irradiance * inverse;
     let (scale, shade) = if INRIA { (1.0 - p.specular[c], p.diffuse[c]) } else { (1.0, 0.0) };
     ChannelSlope {
-        difference: difference.abs(),
+        difference,
         by_diffuse: slope * diffuse,
         by_lobe: slope * reflectance,
         diffuse_albedo: slope * lit.nl * scale * FRAC_1_PI,
