@@ -4,13 +4,16 @@
 //! With the name of a Python that has PyTorch, the same is timed there (rendering_cost.py), a step of each in turn.
 //! A second argument like `memory-fused` is how the program asks itself what one route holds at most.
 
+#[path = "../../../tests/benchmark/worker.rs"]
+mod worker;
+
 use std::error::Error;
-use std::io::{BufRead, BufReader, Write};
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::Command;
 use std::time::Instant;
 
 use burn::tensor::{Device, Tensor};
 use ops::kernel::peak::Peak;
+use ops::process::peak_rss_mib;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use render::brdf::BrdfModel;
@@ -20,6 +23,7 @@ use render::svbrdf::{Svbrdf, SvbrdfImage};
 use render::texel::Texel;
 use render::views::{EvaluationViews, LossViews};
 use render::{fused, loss};
+use worker::{Worker, median};
 
 const SIZE: usize = 256;
 const ROUNDS: usize = 15;
@@ -38,17 +42,17 @@ fn main() -> Result<(), Box<dyn Error>> {
             "memory-tensors" => _ = step(loss::rendering_losses),
             _ => {}
         }
-        println!("{}", most_memory_kb());
+        println!("{}", peak_rss_mib().unwrap_or(0.0));
         return Ok(());
     }
     println!("{}\n{SIZE}² maps, 15 renderings, value and gradient\n", Peak::measure());
-    let mut torch = python.as_deref().filter(|p| *p != "-").map(|python| Torch::start(python, &views)).transpose()?;
+    let mut torch = python.as_deref().filter(|p| *p != "-").map(|python| torch(python, &views)).transpose()?;
     let [mut fused_ms, mut tensors_ms, mut torch_ms] = [const { Vec::new() }; 3];
     let mut losses = [0.0; 3];
     for round in 0..=ROUNDS {
         let fused = timed(|| step(fused::rendering_losses));
         let tensors = timed(|| step(loss::rendering_losses));
-        let theirs = torch.as_mut().map(Torch::step).transpose()?;
+        let theirs = torch.as_mut().map(|torch| torch.ask::<2>("step")).transpose()?;
         losses = [fused.1, tensors.1, theirs.map_or(f64::NAN, |t| t[1])];
         if round > 0 {
             fused_ms.push(fused.0);
@@ -58,12 +62,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let resting = most_memory_of("memory-none")?;
     let memory = |route| Ok::<_, Box<dyn Error>>(most_memory_of(route)? - resting);
-    println!("| route | ms (median) | loss | MB beyond the maps |\n|---|---|---|---|");
+    println!("| route | ms (median) | loss | MiB beyond the maps |\n|---|---|---|---|");
     let row = |name: &str, ms: &mut Vec<f64>, loss: f64, mb: String| {
         println!("| {name} | {:.1} | {loss:.6} | {mb} |", median(ms));
     };
-    row("fused", &mut fused_ms, losses[0], format!("{:.0}", memory("memory-fused")? / 1e3));
-    row("tensors", &mut tensors_ms, losses[1], format!("{:.0}", memory("memory-tensors")? / 1e3));
+    row("fused", &mut fused_ms, losses[0], format!("{:.0}", memory("memory-fused")?));
+    row("tensors", &mut tensors_ms, losses[1], format!("{:.0}", memory("memory-tensors")?));
     if torch.is_some() {
         row("PyTorch", &mut torch_ms, losses[2], "–".into());
     }
@@ -98,56 +102,15 @@ fn timed<R>(work: impl FnOnce() -> R) -> (f64, R) {
     (began.elapsed().as_secs_f64() * 1e3, result)
 }
 
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
-}
-
-/// Most memory of a fresh process that runs one route, in kB.
+/// Most memory of a fresh process that runs one route, in MiB.
 fn most_memory_of(route: &str) -> Result<f64, Box<dyn Error>> {
     let output = Command::new(std::env::current_exe()?).args(["-", route]).output()?;
     Ok(String::from_utf8(output.stdout)?.trim().parse()?)
 }
 
-fn most_memory_kb() -> usize {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-    line.and_then(|v| v.trim().trim_end_matches("kB").trim().parse().ok()).unwrap_or(0)
-}
-
 /// The Python program beside this one.
-struct Torch {
-    child: Child,
-    ask: ChildStdin,
-    answers: BufReader<ChildStdout>,
-}
-
-impl Torch {
-    fn start(python: &str, views: &LossViews) -> Result<Self, Box<dyn Error>> {
-        let script = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/rendering_cost.py");
-        let threads = rayon::current_num_threads().to_string();
-        let mut child = Command::new(python).args([script, &threads]).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn()?;
-        let mut ask = child.stdin.take().ok_or("no pipe to Python")?;
-        let answers = BufReader::new(child.stdout.take().ok_or("no pipe from Python")?);
-        let setup = serde_json::json!({ "size": SIZE, "rendering": views.rendering, "top": views.top });
-        writeln!(ask, "{setup}")?;
-        Ok(Self { child, ask, answers })
-    }
-
-    /// Milliseconds and loss of one step.
-    fn step(&mut self) -> Result<[f64; 2], Box<dyn Error>> {
-        writeln!(self.ask, "step")?;
-        let mut line = String::new();
-        self.answers.read_line(&mut line)?;
-        let numbers: Vec<f64> = line.split_whitespace().map(str::parse).collect::<Result<_, _>>()?;
-        <[f64; 2]>::try_from(numbers).map_err(|_| format!("Python answered {line:?}; does it have PyTorch?").into())
-    }
-}
-
-impl Drop for Torch {
-    fn drop(&mut self) {
-        // It ends with its input; a process that is gone already is no loss.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
+fn torch(python: &str, views: &LossViews) -> Result<Worker, Box<dyn Error>> {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/rendering_cost.py");
+    let setup = serde_json::json!({ "size": SIZE, "rendering": views.rendering, "top": views.top });
+    Worker::start(Command::new(python).args([script, &rayon::current_num_threads().to_string()]), &setup)
 }
