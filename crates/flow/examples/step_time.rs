@@ -1,4 +1,4 @@
-//! Times a training step of a flow net: `cargo run -p flow --example step_time -- [slim|paper] [side] [batch] [steps]`.
+//! Times a training step of a flow net: `cargo run -p flow --example step_time -- [slim|paper|published] [side] [batch] [steps]`.
 
 use std::time::Instant;
 
@@ -13,10 +13,10 @@ use rand_chacha::ChaCha8Rng;
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let number = |i: usize, default: usize| arguments.get(i).and_then(|a| a.parse().ok()).unwrap_or(default);
-    let paper = arguments.first().is_some_and(|a| a == "paper");
-    let (config, loss) = match paper {
-        true => (PwcConfig::paper(), FlowLossConfig::default()),
-        false => (PwcConfig::slim(), FlowLossConfig::teaching()),
+    let (config, loss) = match arguments.first().map(String::as_str) {
+        Some("paper") => (PwcConfig::paper(), FlowLossConfig::default()),
+        Some("published") => (PwcConfig::published(), FlowLossConfig::default()),
+        _ => (PwcConfig::slim(), FlowLossConfig::teaching()),
     };
     let (side, batch, steps) = (number(1, 192), number(2, 2), number(3, 10));
 

@@ -4,7 +4,17 @@ use burn::tensor::Device;
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Pwc, context, context::Context, cost::Matching, estimator::Estimator, pyramid::Pyramid};
+use super::{
+    Pwc, context,
+    context::Context,
+    cost::Matching,
+    estimator::Estimator,
+    pyramid::Pyramid,
+    upsample::{UPSAMPLED_CHANNELS, Upsampler},
+};
+
+/// Most convolutions of an estimator.
+const LONGEST_ESTIMATOR: usize = 16;
 
 /// What the pyramid sees.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -15,6 +25,50 @@ pub enum Input {
     Plain,
     /// Deviation from the local mean over the local deviation (window of 17 px).
     LocalContrast,
+}
+
+/// What a convolution of an estimator sees.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Connections {
+    /// The output of the convolution before it. The context net sees the last one and the flow.
+    #[default]
+    Sequential,
+    /// The outputs of all convolutions before it, newest first, and the estimator's inputs. So does the context net, without
+    /// the flow.
+    Dense,
+}
+
+impl Connections {
+    /// Channels after a convolution of `width` on `inputs`.
+    pub(crate) fn after(self, inputs: usize, width: usize) -> usize {
+        match self {
+            Self::Sequential => width,
+            Self::Dense => width + inputs,
+        }
+    }
+}
+
+/// How a level's flow and features reach the next finer level.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Upsampling {
+    /// By interpolation.
+    #[default]
+    Bilinear,
+    /// By learned transposed convolutions, which narrow the features to two channels.
+    Deconvolution,
+}
+
+/// What an estimator predicts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Prediction {
+    /// What the upsampled flow lacks.
+    #[default]
+    Residual,
+    /// The flow itself.
+    Direct,
 }
 
 /// Architecture of PWC-Net. Every key has a default: the net of the paper.
@@ -31,6 +85,14 @@ pub struct PwcConfig {
     pub convs_per_level: usize,
     /// Widths of the estimators' convolutions.
     pub estimator: Vec<usize>,
+    /// What a convolution of an estimator sees: `"sequential"` or `"dense"`.
+    pub connections: Connections,
+    /// How flow and features reach the next finer level: `"bilinear"` or `"deconvolution"`.
+    pub upsampling: Upsampling,
+    /// What an estimator predicts: `"residual"` or `"direct"`.
+    pub prediction: Prediction,
+    /// The coarsest estimator sees the first image's features beside the cost volume, as the finer ones do.
+    pub coarsest_features: bool,
     /// Radius of the cost volume in pixels of the level.
     pub radius: usize,
     /// Widths of the context net's dilated convolutions (dilations 1, 2, 4, 8, 16, 1); empty: no context net.
@@ -57,9 +119,9 @@ pub enum PwcConfigError {
         /// The value.
         found: usize,
     },
-    /// No convolution in an estimator.
-    #[error("`estimator` is empty; list at least one width, for example [64, 32]")]
-    NoEstimator,
+    /// No or too many convolutions in an estimator.
+    #[error("`estimator` lists {0} widths; give 1 to {most}, for example [64, 32]", most = LONGEST_ESTIMATOR)]
+    Estimator(usize),
     /// Too many dilated convolutions.
     #[error("`context` lists {0} widths; the context net has at most 6")]
     Context(usize),
@@ -69,6 +131,14 @@ pub enum PwcConfigError {
     /// Pyramid levels without or with too many convolutions.
     #[error("`convs_per_level` is {0}; give 1 to 8")]
     ConvsPerLevel(usize),
+    /// Features that would pile up from level to level.
+    #[error(
+        "dense connections hand on hundreds of features, which only deconvolutions narrow; set `upsampling = \"deconvolution\"` or `connections = \"sequential\"`"
+    )]
+    DenseBilinear,
+    /// A displacement without the flow that it starts from.
+    #[error("`match_head` finds what the upsampled flow lacks; set `prediction = \"residual\"` or `match_head = false`")]
+    DirectMatchHead,
 }
 
 impl Default for PwcConfig {
@@ -84,11 +154,39 @@ impl PwcConfig {
             channels: vec![16, 32, 64, 96, 128, 192],
             convs_per_level: 3,
             estimator: vec![128, 128, 96, 64, 32],
+            connections: Connections::Sequential,
+            upsampling: Upsampling::Bilinear,
+            prediction: Prediction::Residual,
+            coarsest_features: true,
             radius: 4,
             context: vec![128, 128, 128, 96, 64, 32],
             input: Input::Plain,
             feature_normalisation: false,
             match_head: false,
+        }
+    }
+
+    /// The net that Sun et al. published (PWC-DC-Net): 9.37 M parameters, to which the tensors of their PyTorch release
+    /// correspond one to one.
+    ///
+    /// | published, at level `l` from 1 (finest) to 6 | here |
+    /// |---|---|
+    /// | `conv{l}a.0`, `conv{l}aa.0`, `conv{l}b.0`; of level 6 `conv6aa.0`, `conv6a.0`, `conv6b.0` | `pyramid.levels.{l - 1}.convs.0` … `2` |
+    /// | `conv{l}_{k}.0` | `estimators.{6 - l}.convs.{k}` |
+    /// | `predict_flow{l}` | `estimators.{6 - l}.predict` |
+    /// | `deconv{l}`, `upfeat{l}` | `upsamplers.{6 - l}.flow`, `upsamplers.{6 - l}.features` |
+    /// | `dc_conv1.0` … `dc_conv6.0`, `dc_conv7` | `context.convs.0` … `5`, `context.predict` |
+    ///
+    /// Nothing reads the release's `deconv2`. Its images are BGR: the input channels of `conv1a.0.weight` are to be reversed
+    /// for this net, which sees RGB.
+    pub fn published() -> Self {
+        Self {
+            channels: vec![16, 32, 64, 96, 128, 196],
+            connections: Connections::Dense,
+            upsampling: Upsampling::Deconvolution,
+            prediction: Prediction::Direct,
+            coarsest_features: false,
+            ..Self::paper()
         }
     }
 
@@ -98,11 +196,11 @@ impl PwcConfig {
             channels: vec![8, 16, 32, 48],
             convs_per_level: 2,
             estimator: vec![64, 64, 48, 32, 16],
-            radius: 4,
             context: Vec::new(),
             input: Input::LocalContrast,
             feature_normalisation: true,
             match_head: true,
+            ..Self::paper()
         }
     }
 
@@ -119,10 +217,14 @@ impl PwcConfig {
         }
         match self {
             c if !(2..=8).contains(&c.channels.len()) => Err(PwcConfigError::Levels(c.channels.len())),
-            c if c.estimator.is_empty() => Err(PwcConfigError::NoEstimator),
+            c if !(1..=LONGEST_ESTIMATOR).contains(&c.estimator.len()) => Err(PwcConfigError::Estimator(c.estimator.len())),
             c if c.context.len() >= context::DILATIONS.len() => Err(PwcConfigError::Context(c.context.len())),
             c if !(1..=9).contains(&c.radius) => Err(PwcConfigError::Radius(c.radius)),
             c if !(1..=8).contains(&c.convs_per_level) => Err(PwcConfigError::ConvsPerLevel(c.convs_per_level)),
+            Self { connections: Connections::Dense, upsampling: Upsampling::Bilinear, .. } => {
+                Err(PwcConfigError::DenseBilinear)
+            }
+            Self { prediction: Prediction::Direct, match_head: true, .. } => Err(PwcConfigError::DirectMatchHead),
             _ => Ok(()),
         }
     }
@@ -140,43 +242,82 @@ impl PwcConfig {
     /// How many weights the net has.
     pub fn parameters(&self) -> usize {
         let conv = |inputs: usize, outputs: usize| (inputs * 9 + 1) * outputs;
-        let predicting = |inputs: usize, widths: &[usize]| -> usize {
-            let from = std::iter::once(inputs).chain(widths.iter().copied());
-            from.zip(widths.iter().copied().chain([2])).map(|(inputs, outputs)| conv(inputs, outputs)).sum()
+        let predicting = |inputs: usize, widths: &[usize], connections: Connections| -> usize {
+            let mut channels = inputs;
+            let convs = widths.iter().map(|&width| {
+                let inputs = channels;
+                channels = connections.after(inputs, width);
+                conv(inputs, width)
+            });
+            convs.sum::<usize>() + conv(channels, 2)
         };
         let from = std::iter::once(3).chain(self.channels.iter().copied());
         let level = |(from, width): (usize, &usize)| conv(from, *width) + (self.convs_per_level - 1) * conv(*width, *width);
         let pyramid: usize = from.zip(&self.channels).map(level).sum();
-        let estimators: usize = self.estimator_inputs().map(|inputs| predicting(inputs, &self.estimator)).sum();
-        let context = if self.context.is_empty() { 0 } else { predicting(self.estimated() + 2, &self.context) };
-        pyramid + estimators + context + if self.match_head { self.flow_levels() } else { 0 }
-    }
-
-    /// Features that an estimator hands on.
-    fn estimated(&self) -> usize {
-        *self.estimator.last().expect("validated")
+        let estimator = |inputs| predicting(inputs, &self.estimator, self.connections);
+        let estimators: usize = self.estimator_inputs().map(estimator).sum();
+        let upsamplers: usize = self.upsampler_inputs().map(Upsampler::parameters).sum();
+        let context = match self.context.as_slice() {
+            [] => 0,
+            widths => predicting(self.context_inputs(), widths, Connections::Sequential),
+        };
+        pyramid + estimators + upsamplers + context + if self.match_head { self.flow_levels() } else { 0 }
     }
 
     /// Channels that the estimators see, coarse to fine.
     fn estimator_inputs(&self) -> impl Iterator<Item = usize> {
         let displacements = (2 * self.radius + 1).pow(2);
+        // Flow and features. Those that are interpolated are an output of sequential convolutions, whatever their inputs.
+        let upsampled = match self.upsampling {
+            Upsampling::Bilinear => 2 + self.handed_on(0),
+            Upsampling::Deconvolution => 2 * UPSAMPLED_CHANNELS,
+        };
         (1..self.channels.len()).rev().map(move |level| {
-            let coarser = if level + 1 == self.channels.len() { 0 } else { 2 + self.estimated() };
-            displacements + self.channels[level] + coarser
+            let features = self.channels[level];
+            match level + 1 == self.channels.len() {
+                true if self.coarsest_features => displacements + features,
+                true => displacements,
+                false => displacements + features + upsampled,
+            }
         })
     }
 
-    /// Builds the net with random weights (Kaiming for leaky ReLU).
+    /// Features that an estimator of so many inputs hands on.
+    fn handed_on(&self, inputs: usize) -> usize {
+        self.estimator.iter().fold(inputs, |channels, &width| self.connections.after(channels, width))
+    }
+
+    /// Features that the deconvolutions see, coarse to fine; nothing where they interpolate.
+    fn upsampler_inputs(&self) -> impl Iterator<Item = usize> {
+        let upsamplers = match self.upsampling {
+            Upsampling::Bilinear => 0,
+            Upsampling::Deconvolution => self.flow_levels() - 1,
+        };
+        self.estimator_inputs().take(upsamplers).map(|inputs| self.handed_on(inputs))
+    }
+
+    /// Channels that the context net sees.
+    fn context_inputs(&self) -> usize {
+        let finest = self.estimator_inputs().last().expect("validated");
+        match self.connections {
+            Connections::Sequential => self.handed_on(finest) + 2,
+            Connections::Dense => self.handed_on(finest),
+        }
+    }
+
+    /// Builds the net with random weights (Kaiming for leaky ReLU; a flow's deconvolution interpolates).
     ///
     /// # Panics
     /// If the config isn't [valid](Self::validate).
     pub fn init(&self, device: &Device, rng: &mut impl Rng) -> Pwc {
         self.validate().expect("the config was validated");
         let pyramid = Pyramid::new(&self.channels, self.convs_per_level, device, rng);
-        let estimators = self.estimator_inputs().map(|inputs| Estimator::new(inputs, &self.estimator, device, rng)).collect();
+        let estimator = |inputs| Estimator::new(inputs, &self.estimator, self.connections, device, rng);
+        let estimators = self.estimator_inputs().map(estimator).collect();
+        let upsamplers = self.upsampler_inputs().map(|inputs| Upsampler::new(inputs, device, rng)).collect();
         let matchings = (0..self.flow_levels()).map(|_| Matching::new(self.radius, self.match_head, device)).collect();
-        let context = (!self.context.is_empty()).then(|| Context::new(self.estimated() + 2, &self.context, device, rng));
-        Pwc { pyramid, matchings, estimators, context, config: self.clone() }
+        let context = (!self.context.is_empty()).then(|| Context::new(self.context_inputs(), &self.context, device, rng));
+        Pwc { pyramid, matchings, estimators, upsamplers, context, config: self.clone() }
     }
 }
 

@@ -33,12 +33,11 @@ impl Context {
         Self { convs, predict: Conv::small(channels, 2, device, rng) }
     }
 
-    /// The refinement of `flow`, in its unit.
+    /// What the flow lacks, in its unit.
     ///
     /// # Shapes
-    /// `features [N, C, H, W]`, `flow [N, 2, H, W]` → `[N, 2, H, W]`
-    pub(crate) fn forward(&self, features: Tensor<4>, flow: Tensor<4>) -> Tensor<4> {
-        let x = Tensor::cat(vec![features, flow], 1);
+    /// `[N, inputs, H, W]` → `[N, 2, H, W]`
+    pub(crate) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
         self.predict.linear(self.convs.iter().fold(x, |x, conv| conv.forward(x)))
     }
 }

@@ -1,4 +1,4 @@
-//! PWC-Net: pyramid, warping, cost volume (Sun et al. 2018, the variant of the paper's authors).
+//! PWC-Net: pyramid, warping, cost volume (Sun et al. 2018; the variant of the paper's authors and the net as published).
 
 pub mod config;
 pub mod context;
@@ -7,8 +7,9 @@ pub mod cost;
 pub mod estimator;
 pub mod pyramid;
 mod teach;
+pub mod upsample;
 
-pub use config::{Input, PwcConfig, PwcConfigError};
+pub use config::{Connections, Input, Prediction, PwcConfig, PwcConfigError, Upsampling};
 pub use conv::Conv;
 
 use burn::{
@@ -17,11 +18,12 @@ use burn::{
 };
 use context::Context;
 use cost::{Match, Matching};
-use estimator::Estimator;
+use estimator::{Estimate, Estimator};
 use ops::{resample::upsample_bilinear, warp::warp};
 use pyramid::{Pyramid, normalise, prepare};
 use rand::Rng;
 use teach::Teacher;
+use upsample::Upsampler;
 
 use crate::{
     pwc::conv::LEAKY_SLOPE,
@@ -34,6 +36,8 @@ pub struct Pwc {
     pyramid: Pyramid,
     matchings: Vec<Matching>,
     estimators: Vec<Estimator>,
+    /// From each level but the finest to the next; none where flow and features are interpolated.
+    upsamplers: Vec<Upsampler>,
     context: Option<Context>,
     #[module(skip)]
     config: PwcConfig,
@@ -131,12 +135,16 @@ impl Pwc {
 
     /// Brings the coarser level's result to this level's resolution, perhaps replaced by the teacher's.
     fn begin(&self, coarse: Carried, index: usize, factor: usize, teacher: Option<&Teacher>) -> Carried {
-        let flow = upsample_bilinear(coarse.flow, 2);
+        let Carried { flow, features } = coarse;
+        let (flow, features) = match self.upsamplers.get(index - 1) {
+            Some(upsampler) => upsampler.forward(flow, features),
+            None => (upsample_bilinear(flow, 2), upsample_bilinear(features, 2)),
+        };
         let flow = match teacher {
             Some(teacher) => teacher.guide(flow, index, factor),
             None => flow,
         };
-        Carried { flow, features: upsample_bilinear(coarse.features, 2) }
+        Carried { flow, features }
     }
 
     fn split(&self, features: Tensor<4>, n: usize) -> PairFeatures {
@@ -156,25 +164,32 @@ impl Pwc {
         let matching = &self.matchings[index];
         let Match { cost, logits } = matching.forward(pair.match_first, second);
 
-        let mut inputs = vec![burn::tensor::activation::leaky_relu(cost, f64::from(LEAKY_SLOPE)), pair.first];
+        let mut inputs = vec![burn::tensor::activation::leaky_relu(cost, f64::from(LEAKY_SLOPE))];
+        if start.is_some() || self.config.coarsest_features {
+            inputs.push(pair.first);
+        }
         let start_flow = start.map(|start| {
             inputs.extend([start.flow.clone(), start.features]);
             start.flow
         });
-        let estimate = self.estimators[index].forward(Tensor::cat(inputs, 1));
+        let Estimate { predicted, features } = self.estimators[index].forward(Tensor::cat(inputs, 1));
 
-        let mut flow = estimate.residual;
+        let mut flow = predicted;
         if let Some(expected) = matching.expected(&logits) {
             flow = flow + expected / level_px;
         }
-        if let Some(start) = &start_flow {
+        if let (Some(start), Prediction::Residual) = (&start_flow, self.config.prediction) {
             flow = flow + start.clone();
         }
         if let (Some(context), true) = (&self.context, index + 1 == self.estimators.len()) {
-            flow = flow.clone() + context.forward(estimate.features.clone(), flow);
+            let seen = match self.config.connections {
+                Connections::Sequential => Tensor::cat(vec![features.clone(), flow.clone()], 1),
+                Connections::Dense => features.clone(),
+            };
+            flow = flow + context.forward(seen);
         }
         let level = LevelFlow { flow: flow.clone(), logits, start: start_flow.map(Tensor::detach), factor };
-        (level, Carried { flow, features: estimate.features })
+        (level, Carried { flow, features })
     }
 }
 

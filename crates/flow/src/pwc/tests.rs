@@ -26,6 +26,26 @@ fn tiny() -> PwcConfig {
     PwcConfig { channels: vec![4, 6, 8], estimator: vec![8, 6], context: vec![6, 4], ..PwcConfig::slim() }
 }
 
+/// The published net, as small.
+fn tiny_published() -> PwcConfig {
+    PwcConfig { channels: vec![4, 6, 8], estimator: vec![8, 6], context: vec![6, 4], ..PwcConfig::published() }
+}
+
+/// Every choice between connections, upsampling, prediction and inputs of the coarsest level that can be built.
+fn variants() -> Vec<PwcConfig> {
+    let connected = [
+        (Connections::Sequential, Upsampling::Bilinear),
+        (Connections::Sequential, Upsampling::Deconvolution),
+        (Connections::Dense, Upsampling::Deconvolution),
+    ];
+    let predicting = [(Prediction::Residual, true), (Prediction::Residual, false), (Prediction::Direct, false)];
+    let variant = |((connections, upsampling), (prediction, match_head))| {
+        let base = PwcConfig { connections, upsampling, prediction, match_head, ..tiny() };
+        [true, false].map(|coarsest_features| PwcConfig { coarsest_features, ..base.clone() })
+    };
+    connected.into_iter().flat_map(|c| predicting.map(|p| (c, p))).flat_map(variant).collect()
+}
+
 #[test]
 fn the_presets_have_the_parameters_they_promise() {
     let device = Device::flex();
@@ -34,8 +54,10 @@ fn the_presets_have_the_parameters_they_promise() {
     assert!((paper as f64 / 5.03e6 - 1.0).abs() < 0.01, "{paper}");
     let slim = count(PwcConfig::slim());
     assert!((480_000..540_000).contains(&slim), "{slim}");
-    for config in [PwcConfig::paper(), PwcConfig::slim(), tiny(), PwcConfig { convs_per_level: 1, ..tiny() }] {
-        assert_eq!(config.parameters(), count(config));
+    assert_eq!(PwcConfig::published().parameters(), 9_374_274);
+    let presets = [PwcConfig::paper(), PwcConfig::slim(), PwcConfig::published(), PwcConfig { convs_per_level: 1, ..tiny() }];
+    for config in variants().into_iter().chain(presets) {
+        assert_eq!(config.parameters(), count(config.clone()), "{config:?}");
     }
 }
 
@@ -52,18 +74,19 @@ fn levels_go_from_coarse_to_a_quarter() {
 #[test]
 fn any_image_size_goes_in_and_comes_out() {
     let device = Device::flex();
-    let net = tiny().init(&device, &mut rng());
-    for (h, w) in [(1, 1), (7, 30), (16, 16), (33, 17)] {
-        let flow = net.flow(noise([1, 3, h, w], &device, 1), noise([1, 3, h, w], &device, 2));
-        assert_eq!(flow.dims(), [1, 2, h, w]);
-        assert!(values(flow).iter().all(|v| v.is_finite()), "{h}×{w}");
+    for net in [tiny(), tiny_published()].map(|config| config.init(&device, &mut rng())) {
+        for (h, w) in [(1, 1), (7, 30), (16, 16), (33, 17)] {
+            let flow = net.flow(noise([1, 3, h, w], &device, 1), noise([1, 3, h, w], &device, 2));
+            assert_eq!(flow.dims(), [1, 2, h, w]);
+            assert!(values(flow).iter().all(|v| v.is_finite()), "{h}×{w}");
+        }
     }
 }
 
 #[test]
-fn the_paper_net_runs_and_pairs_do_not_see_each_other() {
+fn pairs_of_a_batch_do_not_see_each_other() {
     let device = Device::flex();
-    for config in [PwcConfig { channels: vec![4, 4, 4], ..PwcConfig::paper() }, tiny()] {
+    for config in [PwcConfig { channels: vec![4, 4, 4], ..PwcConfig::paper() }, tiny(), tiny_published()] {
         let net = config.init(&device, &mut rng());
         let (a, b) = (noise([2, 3, 16, 16], &device, 1), noise([2, 3, 16, 16], &device, 2));
         let pick = |t: &Tensor<4>| t.clone().slice([1..2, 0..3, 0..16, 0..16]);
@@ -130,12 +153,6 @@ fn a_fully_taught_level_starts_near_the_truth() {
 
 #[test]
 fn every_parameter_gets_a_finite_gradient() {
-    let device = Device::flex().autodiff();
-    let net = tiny().init(&device, &mut rng());
-    let (a, b) = (noise([1, 3, 32, 32], &device, 1), noise([1, 3, 32, 32], &device, 2));
-    let truth = FlowTarget::new(Tensor::zeros([1, 2, 32, 32], &device), Tensor::ones([1, 1, 32, 32], &device));
-    let loss = FlowLossConfig::teaching().forward(&net.forward(a, b), &truth);
-    let gradients = loss.total.backward();
     struct Check<'a>(&'a burn::tensor::Gradients, usize);
     impl burn::module::ModuleVisitor for Check<'_> {
         fn visit_float<const D: usize>(&mut self, param: &burn::module::Param<Tensor<D>>) {
@@ -144,9 +161,33 @@ fn every_parameter_gets_a_finite_gradient() {
             self.1 += gradient.len();
         }
     }
-    let mut check = Check(&gradients, 0);
-    net.visit(&mut check);
-    assert_eq!(check.1, net.num_params());
+    let device = Device::flex().autodiff();
+    let (a, b) = (noise([2, 3, 19, 32], &device, 1), noise([2, 3, 19, 32], &device, 2));
+    let truth = FlowTarget::new(Tensor::zeros([2, 2, 19, 32], &device), Tensor::ones([2, 1, 19, 32], &device));
+    let one_flow = PwcConfig { channels: vec![4, 6], ..tiny_published() };
+    for config in variants().into_iter().chain([tiny_published(), one_flow]) {
+        let net = config.init(&device, &mut rng());
+        let loss = FlowLossConfig::teaching().forward(&net.forward(a.clone(), b.clone()), &truth);
+        let gradients = loss.total.backward();
+        let mut check = Check(&gradients, 0);
+        net.visit(&mut check);
+        assert_eq!(check.1, net.num_params(), "{config:?}");
+    }
+}
+
+#[test]
+fn a_direct_prediction_replaces_the_flow_and_a_residual_one_adds_to_it() {
+    let device = Device::flex();
+    let (a, b) = (noise([1, 3, 32, 32], &device, 1), noise([1, 3, 32, 32], &device, 2));
+    let levels = |prediction| {
+        let config = PwcConfig { prediction, context: Vec::new(), ..tiny_published() };
+        config.init(&device, &mut rng()).forward(a.clone(), b.clone()).levels
+    };
+    let (residual, direct) = (levels(Prediction::Residual), levels(Prediction::Direct));
+    let start = residual[1].start.clone().expect("a finer level starts from the coarser one's flow");
+    let difference = residual[1].flow.clone() - direct[1].flow.clone() - start;
+    assert!(values(difference.abs().max())[0] < 1e-6);
+    assert_eq!(values(residual[0].flow.clone()), values(direct[0].flow.clone()));
 }
 
 #[test]
@@ -157,6 +198,10 @@ fn configs_are_strict_and_complete_themselves() {
     assert_eq!((config.input, config.radius), (Input::LocalContrast, 3));
     assert!(serde_json::from_str::<PwcConfig>(r#"{"radios": 3}"#).unwrap_err().to_string().contains("radios"));
     assert!(serde_json::from_str::<PwcConfig>(r#"{"input": "lcn"}"#).is_err());
+    for config in variants() {
+        let text = serde_json::to_string(&config).unwrap();
+        assert_eq!(serde_json::from_str::<PwcConfig>(&text).unwrap(), config);
+    }
 }
 
 #[test]
@@ -168,10 +213,14 @@ fn impossible_nets_are_named() {
     };
     assert_eq!(PwcConfig::paper().validate(), Ok(()));
     assert_eq!(PwcConfig::slim().validate(), Ok(()));
+    assert_eq!(PwcConfig::published().validate(), Ok(()));
     assert_eq!(error(|c| c.channels.truncate(1)), PwcConfigError::Levels(1));
     assert_eq!(error(|c| c.channels[1] = 0), PwcConfigError::Width { key: "channels", found: 0 });
-    assert_eq!(error(|c| c.estimator.clear()), PwcConfigError::NoEstimator);
+    assert_eq!(error(|c| c.estimator.clear()), PwcConfigError::Estimator(0));
+    assert_eq!(error(|c| c.estimator = vec![8; 17]), PwcConfigError::Estimator(17));
     assert_eq!(error(|c| c.context = vec![8; 7]), PwcConfigError::Context(7));
     assert_eq!(error(|c| c.radius = 0), PwcConfigError::Radius(0));
     assert_eq!(error(|c| c.convs_per_level = 0), PwcConfigError::ConvsPerLevel(0));
+    assert_eq!(error(|c| c.connections = Connections::Dense), PwcConfigError::DenseBilinear);
+    assert_eq!(error(|c| c.prediction = Prediction::Direct), PwcConfigError::DirectMatchHead);
 }
