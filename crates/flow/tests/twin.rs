@@ -67,9 +67,22 @@ fn the_learning_aids_are_the_twins() {
 }
 
 #[test]
-fn the_papers_net_has_the_twins_parameters() {
+fn the_published_net_at_a_sixteenth_of_its_width_is_the_twins() {
+    check_net("published-sixteenth", &BOTH[..1], 0.0);
+}
+
+#[test]
+fn dense_connections_and_deconvolutions_around_a_residual_flow_are_the_twins() {
+    check_net("dense-residual", &BOTH, 0.0);
+}
+
+#[test]
+fn the_nets_have_the_twins_parameters() {
     let counts: serde_json::Value = serde_json::from_slice(&std::fs::read(golden("counts.json")).unwrap()).unwrap();
-    let net = PwcConfig::paper().init(&Device::flex(), &mut ChaCha8Rng::seed_from_u64(0));
-    assert_eq!(net.num_params() as u64, counts["pwc"].as_u64().unwrap());
-    assert_eq!(format!("{:.2} M", net.num_params() as f64 / 1e6), "5.03 M");
+    let nets = [("pwc", PwcConfig::paper(), "5.03 M"), ("pwc_published", PwcConfig::published(), "9.37 M")];
+    for (name, config, promised) in nets {
+        let net = config.init(&Device::flex(), &mut ChaCha8Rng::seed_from_u64(0));
+        assert_eq!(net.num_params() as u64, counts[name].as_u64().unwrap());
+        assert_eq!(format!("{:.2} M", net.num_params() as f64 / 1e6), promised);
+    }
 }

@@ -29,10 +29,10 @@ def write(path, tensors):
     path.write_bytes(struct.pack("<Q", len(text)) + text + b"".join(data))
 
 
-def write_net(folder, name, kind, architecture, net, precision):
-    """Writes a net as a folder of weights, the way trained ones are released."""
+def write_net(folder, name, kind, architecture, net, precision, rename=str):
+    """Writes a net as a folder of weights, the way trained ones are released. `rename` maps its names to the files'."""
     number_type = {"f16": np.float16, "f32": np.float32}[precision]
-    weights = {key: value.detach().numpy().astype(number_type) for key, value in net.state_dict().items()}
+    weights = {rename(key): value.detach().numpy().astype(number_type) for key, value in net.state_dict().items()}
     write(folder / f"{name}.safetensors", weights)
     record = {
         "kind": kind,
@@ -79,12 +79,12 @@ def sketch(tensor):
     return single(tensor)
 
 
-def gradients(net, prefix="gradient"):
+def gradients(net, prefix="gradient", rename=str):
     """The gradient of every parameter, which are then cleared."""
     found = {}
     for name, parameter in net.named_parameters():
         gradient = parameter.grad if parameter.grad is not None else torch.zeros_like(parameter)
-        found[f"{prefix}.{name}"] = sketch(gradient)
+        found[f"{prefix}.{rename(name)}"] = sketch(gradient)
         parameter.grad = None
     return found
 

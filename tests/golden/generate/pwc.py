@@ -1,4 +1,5 @@
-"""PWC-Net in PyTorch, written from Sun et al. 2018 as the paper's authors vary it (no dense connections, bilinear upsampling).
+"""PWC-Net in PyTorch, written from Sun et al. 2018 as the paper's authors vary it (no dense connections, bilinear upsampling),
+and with both.
 
 Parameters carry the names and layouts of the weights' files. The learning aids of the small net are no part of the paper; they
 follow the documentation of `flow::pwc::PwcConfig`.
@@ -16,19 +17,23 @@ DILATIONS = [1, 2, 4, 8, 16, 1, 1]
 
 
 class Shape:
-    """A net's configuration; what isn't given is the paper's."""
+    """A net's configuration; what isn't given is the paper's. `unusual` keys stand in the manifest only where they are given, so
+    that the other nets' are those of the time before these keys."""
 
-    def __init__(self, channels=None, convs_per_level=3, estimator=None, context=None, radius=4, aids=False):
+    def __init__(self, channels=None, convs_per_level=3, estimator=None, context=None, radius=4, aids=False, **unusual):
         self.channels = channels or [16, 32, 64, 96, 128, 192]
         self.convs_per_level, self.radius, self.aids = convs_per_level, radius, aids
         self.estimator = estimator or [128, 128, 96, 64, 32]
         self.context = [128, 128, 128, 96, 64, 32] if context is None else context
+        self.unusual = unusual
+        self.dense = unusual.get("connections") == "dense"
+        self.deconvolution = unusual.get("upsampling") == "deconvolution"
 
     def architecture(self):
         names = ["channels", "convs_per_level", "estimator", "context", "radius"]
         shape = {name: getattr(self, name) for name in names}
         contrast = {"input": "local-contrast" if self.aids else "plain"}
-        return shape | contrast | {"feature_normalisation": self.aids, "match_head": self.aids}
+        return shape | contrast | {"feature_normalisation": self.aids, "match_head": self.aids} | self.unusual
 
 
 class Conv(nn.Module):
@@ -76,15 +81,35 @@ class Pyramid(nn.Module):
 
 
 class Estimator(nn.Module):
-    def __init__(self, inputs, widths, generator):
+    def __init__(self, inputs, widths, dense, generator):
         super().__init__()
-        self.convs = nn.ModuleList(Conv(i, o, generator) for i, o in zip([inputs, *widths], widths))
-        self.predict = prediction(widths[-1], generator)
+        seen = [inputs + sum(widths[:n]) for n in range(len(widths) + 1)] if dense else [inputs, *widths]
+        self.dense, self.outputs = dense, seen[-1]
+        self.convs = nn.ModuleList(Conv(i, o, generator) for i, o in zip(seen, widths))
+        self.predict = prediction(self.outputs, generator)
 
     def forward(self, x):
         for conv in self.convs:
-            x = conv(x)
+            x = torch.cat([conv(x), x], 1) if self.dense else conv(x)
         return self.predict.linear(x), x
+
+
+class Deconvolution(nn.Module):
+    """To twice the size and two channels."""
+
+    def __init__(self, inputs, generator):
+        super().__init__()
+        self.weight = golden.normal([inputs, 2, 4, 4], (4 * inputs) ** -0.5, generator)
+        self.bias = golden.normal([2], 0.05, generator)
+
+    def forward(self, x):
+        return F.conv_transpose2d(x, self.weight, self.bias, stride=2, padding=1)
+
+
+class Upsampler(nn.Module):
+    def __init__(self, inputs, generator):
+        super().__init__()
+        self.flow, self.features = Deconvolution(2, generator), Deconvolution(inputs, generator)
 
 
 class Context(nn.Module):
@@ -117,11 +142,14 @@ class Pwc(nn.Module):
         generator = torch.Generator().manual_seed(seed)
         self.shape = shape
         self.pyramid = Pyramid(shape, generator)
-        last, cost = shape.estimator[-1], (2 * shape.radius + 1) ** 2
-        inputs = [cost + c + (2 + last if n > 0 else 0) for n, c in enumerate(reversed(shape.channels[1:]))]
+        cost, upsampled = (2 * shape.radius + 1) ** 2, 2 + (2 if shape.deconvolution else shape.estimator[-1])
+        inputs = [cost + c + (upsampled if n > 0 else 0) for n, c in enumerate(reversed(shape.channels[1:]))]
         self.matchings = nn.ModuleList(Matching(shape.aids) for _ in inputs)
-        self.estimators = nn.ModuleList(Estimator(i, shape.estimator, generator) for i in inputs)
-        self.context = Context(last + 2, shape.context, generator) if shape.context else None
+        self.estimators = nn.ModuleList(Estimator(i, shape.estimator, shape.dense, generator) for i in inputs)
+        learned = self.estimators[:-1] if shape.deconvolution else []
+        self.upsamplers = nn.ModuleList(Upsampler(estimator.outputs, generator) for estimator in learned)
+        seen = self.estimators[-1].outputs + (0 if shape.dense else 2)
+        self.context = Context(seen, shape.context, generator) if shape.context else None
 
     def forward(self, first, second):
         """Per level, coarse to fine: flow in units of 20 px, logits over displacements, flow that it started from, factor."""
@@ -137,7 +165,11 @@ class Pwc(nn.Module):
             matched, other = (normalised(maps) if self.shape.aids else maps).chunk(2)
             start = None
             if flow is not None:
-                start, features = enlarge(flow, 2), enlarge(features, 2)
+                if self.shape.deconvolution:
+                    upsampler = self.upsamplers[index - 1]
+                    start, features = upsampler.flow(flow), upsampler.features(features)
+                else:
+                    start, features = enlarge(flow, 2), enlarge(features, 2)
                 other = warp(other, start * UNIT_PX / factor)
             cost = cost_volume(matched, other, self.shape.radius)
             inputs = [F.leaky_relu(cost, 0.1), near] + ([start, features] if start is not None else [])
@@ -149,7 +181,7 @@ class Pwc(nn.Module):
             if start is not None:
                 flow = flow + start
             if self.context is not None and index == len(self.estimators) - 1:
-                flow = flow + self.context(torch.cat([features, flow], 1))
+                flow = flow + self.context(features if self.shape.dense else torch.cat([features, flow], 1))
             levels.append((flow, logits, start, factor))
         return levels
 
@@ -207,9 +239,8 @@ def normalised(maps):
     return scaled / ((scaled**2).mean(1, keepdim=True) + 1e-3).sqrt()
 
 
-def make_case(name, shape, size, batch, seed, largest_px, errors=("euclidean", "robust")):
+def make_case(name, net, size, batch, seed, largest_px, errors=("euclidean", "robust"), rename=str):
     """Writes one folder: weights, inputs, flows and, for each loss, its terms and all gradients."""
-    net = Pwc(shape, seed)
     golden.round_weights(net, "f16")
     generator = torch.Generator().manual_seed(seed + 1000)
     height, width = size
@@ -224,16 +255,16 @@ def make_case(name, shape, size, batch, seed, largest_px, errors=("euclidean", "
     for error in errors:
         levels = net(first, second)
         terms = losses.flow_terms([(flow, factor) for flow, _, _, factor in levels], target, valid.to(target), error)
-        if shape.aids:
+        if net.shape.aids:
             terms.append(sum(losses.matching_term(*level, target, valid.to(target)) for level in levels))
         sum(terms).backward()
         case[f"terms.{error}"] = golden.single(torch.stack(terms))
-        case |= golden.gradients(net, error)
+        case |= golden.gradients(net, error, rename)
     for index, (flow, _, _, factor) in enumerate(levels):
         case[f"level.{index}"] = golden.single(flow)
     case["flow"] = golden.single(net.full(levels, height, width))
     folder = golden.FOLDER / "flow" / name
-    golden.write_net(folder, "adjacent", "pwc", shape.architecture(), net, "f16")
+    golden.write_net(folder, "adjacent", "pwc", net.shape.architecture(), net, "f16", rename)
     golden.write(folder / "case.safetensors", case)
     starts = [f"{(start * UNIT_PX / factor).abs().max():.1f}" for _, _, start, factor in levels if start is not None]
     print(f"flow/{name}: {sum(p.numel() for p in net.parameters())} parameters, largest warps {', '.join(starts)} px of the level")
@@ -246,8 +277,11 @@ def count():
 def main():
     # The paper's net at an eighth of its width: all six levels, all dilations.
     eighth = Shape([2, 4, 8, 12, 16, 24], estimator=[16, 16, 12, 8, 4], context=[16, 16, 16, 12, 8, 4])
-    make_case("paper-eighth", eighth, (66, 70), 1, 1, 6.0, ["euclidean"])
+    make_case("paper-eighth", Pwc(eighth, 1), (66, 70), 1, 1, 6.0, ["euclidean"])
     four = Shape([4, 6, 8, 8], estimator=[10, 8], context=[8, 8, 6, 6, 4, 4], radius=3)
-    make_case("four-levels", four, (32, 48), 2, 2, 4.0)
+    make_case("four-levels", Pwc(four, 2), (32, 48), 2, 2, 4.0)
     small = Shape([4, 6, 8], 2, estimator=[8, 6], context=[], radius=3, aids=True)
-    make_case("learning-aids", small, (24, 40), 2, 3, 4.0)
+    make_case("learning-aids", Pwc(small, 3), (24, 40), 2, 3, 4.0)
+    both = {"connections": "dense", "upsampling": "deconvolution"}
+    dense = Shape([4, 6, 8, 8], estimator=[8, 6, 4], context=[8, 6, 4], radius=2, **both)
+    make_case("dense-residual", Pwc(dense, 4), (35, 46), 2, 4, 4.0)
