@@ -1,6 +1,8 @@
 //! Every config of the repository loads, and layers do what they say.
 
 use std::path::PathBuf;
+
+use flow::pwc::{Connections, Prediction, PwcConfig, Upsampling};
 use train::config::{Config, FlowInit, Schedule};
 
 fn folder() -> PathBuf {
@@ -64,6 +66,28 @@ fn sensor_options_are_tables_of_the_videos() {
     assert!(text.contains("sensor.compression.quality is [0, 50]") && text.contains("sensor.toml"), "{text}");
     let text = load("[svbrdf.videos.sensor]\nvigneting = {}\n").unwrap_err().to_string();
     assert!(text.contains("vigneting") && text.contains("vignetting"), "{text}");
+}
+
+#[test]
+fn the_flow_nets_are_named_or_described() {
+    let load = |set: &str| Config::load("spiral", &[set.into()]).map_err(|e| e.to_string());
+    assert_eq!(load("flow.size=published").unwrap().flow.architecture(), PwcConfig::published());
+    let keys = r#"connections="dense", upsampling="deconvolution", prediction="direct", coarsest_features=false"#;
+    let config = load(&format!("flow.architecture={{channels=[8, 16, 24], {keys}}}")).unwrap();
+    let expected = PwcConfig {
+        channels: vec![8, 16, 24],
+        connections: Connections::Dense,
+        upsampling: Upsampling::Deconvolution,
+        prediction: Prediction::Direct,
+        coarsest_features: false,
+        ..PwcConfig::paper()
+    };
+    assert_eq!(config.flow.architecture(), expected);
+    assert_eq!(toml::from_str::<Config>(&config.to_toml()).unwrap(), config);
+    let text = load(r#"flow.architecture={connections="dense"}"#).unwrap_err();
+    assert!(text.contains("upsampling = \"deconvolution\""), "{text}");
+    let text = load(r#"flow.architecture={connections="dence"}"#).unwrap_err();
+    assert!(text.contains("dence") && text.contains("dense"), "{text}");
 }
 
 #[test]

@@ -100,6 +100,8 @@ pub enum FlowSize {
     Slim,
     /// PWC-Net as in the paper: six levels, context net, 5 M parameters.
     Paper,
+    /// PWC-Net as Sun et al. published it: dense connections, learned upsampling, 9 M parameters.
+    Published,
 }
 
 /// What the flow nets start from.
@@ -159,6 +161,7 @@ impl FlowTable {
         self.architecture.clone().unwrap_or_else(|| match self.size {
             FlowSize::Slim => PwcConfig::slim(),
             FlowSize::Paper => PwcConfig::paper(),
+            FlowSize::Published => PwcConfig::published(),
         })
     }
 }
