@@ -144,42 +144,33 @@ pub fn warp_max(guidance: &[f32], x: &[f32], flow: &[f32], s: &Sizes) -> Vec<f32
 /// Gradients of guidance and key-frame features: each pixel's gradient goes to the first frame that holds the maximum.
 pub fn warp_max_backward(guidance: &[f32], x: &[f32], flow: &[f32], gradient: &[f32], s: &Sizes) -> (Vec<f32>, Vec<f32>) {
     let (area, field) = (s.h * s.w, tap_field(flow, s));
-    let per_channel: Vec<(Vec<f32>, Vec<f32>)> = (0..s.c)
-        .into_par_iter()
-        .map(|c| {
-            let mut best = guidance[c * area..][..area].to_vec();
-            let mut winner = vec![0u16; area];
-            for k in 0..s.n {
-                let plane = &x[(k * s.c + c) * area..][..area];
-                for (p, &tap) in field.taps[k * area..][..area].iter().enumerate() {
-                    if tap.index == OUTSIDE {
-                        continue;
-                    }
+    let mut to_guidance = gradient.to_vec();
+    // The frame that holds the maximum, counted from 1; 0 is the guidance frame.
+    let mut winners = vec![0u16; s.c * area];
+    winners.par_chunks_mut(area).zip(to_guidance.par_chunks_mut(area)).enumerate().for_each(|(c, (winners, to_guidance))| {
+        let mut best = guidance[c * area..][..area].to_vec();
+        for k in 0..s.n {
+            let (plane, taps) = (&x[(k * s.c + c) * area..][..area], &field.taps[k * area..][..area]);
+            for ((best, winner), &tap) in best.iter_mut().zip(winners.iter_mut()).zip(taps) {
+                if tap.index != OUTSIDE {
                     let value = field.sample(plane, tap);
-                    if value > best[p] {
-                        (best[p], winner[p]) = (value, k as u16 + 1);
+                    if value > *best {
+                        (*best, *winner) = (value, k as u16 + 1);
                     }
                 }
             }
-            let g = &gradient[c * area..][..area];
-            let mut to_guidance = vec![0.0f32; area];
-            let mut to_frames = vec![0.0f32; s.n * area];
-            for p in 0..area {
-                match winner[p] {
-                    0 => to_guidance[p] = g[p],
-                    k => {
-                        let k = k as usize - 1;
-                        field.scatter(&mut to_frames[k * area..][..area], field.taps[k * area + p], g[p]);
-                    }
-                }
-            }
-            (to_guidance, to_frames)
-        })
-        .collect();
-    let mut gx = vec![0.0f32; x.len()];
-    gx.par_chunks_mut(area).enumerate().for_each(|(i, to)| {
-        let (k, c) = (i / s.c, i % s.c);
-        to.copy_from_slice(&per_channel[c].1[k * area..][..area]);
+        }
+        to_guidance.iter_mut().zip(winners).filter(|(_, winner)| **winner > 0).for_each(|(to, _)| *to = 0.0);
     });
-    (per_channel.iter().flat_map(|(g, _)| g.iter().copied()).collect(), gx)
+    let mut to_frames = vec![0.0f32; x.len()];
+    to_frames.par_chunks_mut(area).enumerate().for_each(|(i, to)| {
+        let (k, c) = (i / s.c, i % s.c);
+        let (taps, winners) = (&field.taps[k * area..][..area], &winners[c * area..][..area]);
+        for ((&tap, &winner), &g) in taps.iter().zip(winners).zip(&gradient[c * area..][..area]) {
+            if usize::from(winner) == k + 1 {
+                field.scatter(to, tap, g);
+            }
+        }
+    });
+    (to_guidance, to_frames)
 }
