@@ -27,25 +27,7 @@ pub struct TexelBlock {
     pub specular: [Lane; 3],
 }
 
-impl Default for TexelBlock {
-    fn default() -> Self {
-        let zero = [0.0; LANES];
-        Self { normal: [zero; 3], diffuse: [zero; 3], roughness: zero, specular: [zero; 3] }
-    }
-}
-
 impl TexelBlock {
-    /// Sets pixel `k`.
-    #[inline(always)]
-    pub fn set(&mut self, k: usize, texel: &Texel) {
-        for c in 0..3 {
-            self.normal[c][k] = texel.normal[c];
-            self.diffuse[c][k] = texel.diffuse[c];
-            self.specular[c][k] = texel.specular[c];
-        }
-        self.roughness[k] = texel.roughness;
-    }
-
     /// Pixel `k`.
     #[inline(always)]
     pub fn at(&self, k: usize) -> Texel {
@@ -115,8 +97,13 @@ mod tests {
                     Texel { normal, diffuse: three(0.0), roughness: roughness.abs(), specular: three(0.0) }
                 })
                 .collect();
-            let mut block = TexelBlock::default();
-            texels.iter().enumerate().for_each(|(k, texel)| block.set(k, texel));
+            let lane = |value: &dyn Fn(&Texel) -> f32| std::array::from_fn(|k| value(&texels[k]));
+            let block = TexelBlock {
+                normal: [0, 1, 2].map(|c| lane(&|t| t.normal[c])),
+                diffuse: [0, 1, 2].map(|c| lane(&|t| t.diffuse[c])),
+                roughness: lane(&|t| t.roughness),
+                specular: [0, 1, 2].map(|c| lane(&|t| t.specular[c])),
+            };
             let [x, y] = std::array::from_fn(|_| std::array::from_fn::<f32, LANES, _>(|_| rng.random_range(-0.9..0.9)));
             let mut sum = [[0.0; LANES]; 3];
             vectorised(
