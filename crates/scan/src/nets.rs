@@ -55,5 +55,5 @@ impl ScanNets {
 
 /// A key frame with its warp.
 pub fn key_frame(frame: Planes, (flow, valid): (Planes, Mask)) -> KeyFrame {
-    KeyFrame { frame, flow, valid: Some(valid) }
+    KeyFrame { frame, flow, valid: Some(valid.to_planes()) }
 }

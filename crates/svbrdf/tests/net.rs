@@ -1,6 +1,6 @@
 //! Laws of the SVBRDF net: invariances, sizes, streaming.
 
-use burn::module::{Module, ModuleVisitor, Param};
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use ops::planes::{Planes, values};
 use rand::{RngExt, SeedableRng};
@@ -9,9 +9,12 @@ use render::svbrdf::{Svbrdf, SvbrdfImage};
 use render::texel::Texel;
 use svbrdf::constants::ConstantMaps;
 use svbrdf::net::{
-    FitExemplar, Fusion, FusionError, KeyFrame, NetConfigError, Normalisation, PixelFeatures, SvbrdfNet, SvbrdfNetConfig,
+    FitExemplar, Fusion, FusionError, KeyFrame, NetConfigError, Normalisation, PixelFeatures, Pooling, SvbrdfNet,
+    SvbrdfNetConfig,
 };
 use svbrdf::weights::{self, Precision};
+
+const POOLINGS: [Pooling; 4] = [Pooling::Max, Pooling::Mean, Pooling::MaxMeanVariance, Pooling::Attention];
 
 fn stream(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
@@ -25,7 +28,23 @@ fn net(config: &SvbrdfNetConfig, device: &Device) -> SvbrdfNet {
     // A gain of 1 makes the maps depend visibly on the features.
     let mut config = config.clone();
     config.output.gain = 1.0;
-    config.init(device, &mut stream(1)).expect("a valid config")
+    let net = config.init(device, &mut stream(1)).expect("a valid config");
+    if config.pooling == Pooling::Attention { net.map(&mut Learnt(stream(9))) } else { net }
+}
+
+/// Draws what is zero at first: attention starts as the mean.
+struct Learnt(ChaCha8Rng);
+
+impl ModuleMapper for Learnt {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        if values(param.val()).iter().any(|v| *v != 0.0) {
+            return param;
+        }
+        let (id, shape) = (param.id, param.dims());
+        let drawn: Vec<f32> = (0..shape.iter().product()).map(|_| self.0.random_range(-2.0..2.0)).collect();
+        let drawn = Tensor::from_data(TensorData::new(drawn, shape), &param.val().device());
+        param.transform_for_load(drawn, id)
+    }
 }
 
 fn frames(count: usize, h: usize, w: usize, device: &Device) -> Tensor<4> {
@@ -91,8 +110,9 @@ fn maps_are_in_range_at_any_size() {
 #[test]
 fn order_of_key_frames_does_not_matter() {
     let device = Device::flex();
-    for fusion in [Fusion::Features, Fusion::Frames, Fusion::None] {
-        let net = net(&SvbrdfNetConfig { fusion, ..small(4) }, &device);
+    let fusions = [Fusion::Features, Fusion::Frames, Fusion::None];
+    for (fusion, pooling) in fusions.into_iter().flat_map(|f| POOLINGS.map(|p| (f, p))) {
+        let net = net(&SvbrdfNetConfig { fusion, pooling, ..small(4) }, &device);
         let (x, flow) = (frames(4, 16, 16, &device), flows(3, 16, 16, &device));
         let order = |indices: [i32; 3]| {
             let keys = Tensor::from_data(TensorData::from(indices), &device);
@@ -100,50 +120,100 @@ fn order_of_key_frames_does_not_matter() {
                 Tensor::from_data(TensorData::from([0, indices[0] + 1, indices[1] + 1, indices[2] + 1]), &device);
             all_values(net.forward(x.clone().select(0, with_guidance), flow.clone().select(0, keys), None))
         };
-        assert_same(&order([0, 1, 2]), &order([2, 0, 1]), 1e-6);
+        // A sum's last figure depends on the order.
+        assert_same(&order([0, 1, 2]), &order([2, 0, 1]), if pooling == Pooling::Max { 1e-6 } else { 1e-5 });
     }
+}
+
+/// One value per key frame.
+fn masks(of_frames: &[f32], h: usize, w: usize, device: &Device) -> Tensor<4> {
+    let data: Vec<f32> = of_frames.iter().flat_map(|v| std::iter::repeat_n(*v, h * w)).collect();
+    Tensor::from_data(TensorData::new(data, [of_frames.len(), 1, h, w]), device)
 }
 
 #[test]
 fn a_fully_invalid_frame_changes_nothing_and_a_valid_one_does() {
     let device = Device::flex();
-    let net = net(&SvbrdfNetConfig { pixel_features: PixelFeatures::Extremes, ..small(4) }, &device);
-    let (x, flow) = (frames(3, 16, 16, &device), flows(2, 16, 16, &device));
-    let two = all_values(net.forward(
-        x.clone().slice([0..2, 0..3, 0..16, 0..16]),
-        flow.clone().slice([0..1, 0..2, 0..16, 0..16]),
-        None,
-    ));
-    let mask = |second: f32| {
-        let data: Vec<f32> = [1.0, second].iter().flat_map(|v| [*v; 256]).collect();
-        Some(Tensor::from_data(TensorData::new(data, [2, 1, 16, 16]), &device))
-    };
-    assert_same(&two, &all_values(net.forward(x.clone(), flow.clone(), mask(0.0))), 1e-6);
-    assert!(differ(&two, &all_values(net.forward(x.clone(), flow.clone(), mask(1.0)))));
-    let far = Tensor::cat(vec![flow.slice([0..1, 0..2, 0..16, 0..16]), Tensor::full([1, 2, 16, 16], 1e4, &device)], 0);
-    assert_same(&two, &all_values(net.forward(x, far, None)), 1e-6);
+    for pooling in POOLINGS {
+        let net = net(&SvbrdfNetConfig { pixel_features: PixelFeatures::Extremes, pooling, ..small(4) }, &device);
+        let (x, flow) = (frames(3, 16, 16, &device), flows(2, 16, 16, &device));
+        let one = flow.clone().slice([0..1, 0..2, 0..16, 0..16]);
+        let two = all_values(net.forward(x.clone().slice([0..2, 0..3, 0..16, 0..16]), one.clone(), None));
+        let third = |valid: f32| all_values(net.forward(x.clone(), flow.clone(), Some(masks(&[1.0, valid], 16, 16, &device))));
+        assert_same(&two, &third(0.0), 1e-6);
+        assert!(differ(&two, &third(1.0)));
+        let far = Tensor::cat(vec![one, Tensor::full([1, 2, 16, 16], 1e4, &device)], 0);
+        assert_same(&two, &all_values(net.forward(x.clone(), far, None)), 1e-6);
+        // Attention weighs a doubtful frame, the other poolings leave it out.
+        let doubtful = third(0.3);
+        match pooling {
+            Pooling::Attention => assert!(differ(&two, &doubtful) && differ(&third(1.0), &doubtful)),
+            _ => assert_same(&two, &doubtful, 1e-6),
+        }
+    }
+}
+
+/// The maps of frames that arrive one after another.
+fn streamed(net: &SvbrdfNet, frames: Tensor<4>, flow: Vec<Planes>, valid: Option<Tensor<4>>, device: &Device) -> Vec<f32> {
+    let mut images = Planes::from_tensor(frames).into_iter();
+    let guidance = images.next().unwrap();
+    let mut masks = valid.map(|v| Planes::from_tensor(v).into_iter());
+    let keys = images.zip(flow).map(|(frame, flow)| KeyFrame { frame, flow, valid: masks.as_mut().and_then(Iterator::next) });
+    let maps = net.reconstruct(&guidance, keys, device).unwrap();
+    [maps.normal, maps.diffuse, maps.roughness, maps.specular].into_iter().flat_map(|p| p.data).collect()
 }
 
 #[test]
 fn streamed_frames_give_the_maps_of_all_at_once() {
     let device = Device::flex();
-    for (fusion, pixel_features) in [
+    let fusions = [
         (Fusion::Features, PixelFeatures::None),
         (Fusion::Features, PixelFeatures::Extremes),
         (Fusion::Frames, PixelFeatures::None),
         (Fusion::None, PixelFeatures::None),
-    ] {
-        let net = net(&SvbrdfNetConfig { fusion, pixel_features, ..small(4) }, &device);
+    ];
+    for ((fusion, pixel_features), pooling) in fusions.into_iter().flat_map(|f| POOLINGS.map(|p| (f, p))) {
+        let net = net(&SvbrdfNetConfig { fusion, pixel_features, pooling, ..small(4) }, &device);
         let (x, flow) = (frames(4, 20, 12, &device), flows(3, 20, 12, &device));
-        let at_once = all_values(net.forward(x.clone(), flow.clone(), None));
-        let mut images = Planes::from_tensor(x).into_iter();
-        let guidance = images.next().unwrap();
-        let keys = images.zip(Planes::from_tensor(flow)).map(|(frame, flow)| KeyFrame { frame, flow, valid: None });
-        let maps = net.reconstruct(&guidance, keys, &device).unwrap();
-        let streamed: Vec<f32> =
-            [maps.normal, maps.diffuse, maps.roughness, maps.specular].into_iter().flat_map(|p| p.data).collect();
-        assert_same(&at_once, &streamed, 1e-5);
+        for valid in [None, Some(masks(&[0.2, 1.0, 0.7], 20, 12, &device))] {
+            let at_once = all_values(net.forward(x.clone(), flow.clone(), valid.clone()));
+            let streamed = streamed(&net, x.clone(), Planes::from_tensor(flow.clone()), valid, &device);
+            assert_same(&at_once, &streamed, 1e-5);
+        }
     }
+}
+
+#[test]
+fn a_single_pixel_and_a_single_frame_are_pooled_too() {
+    let device = Device::flex();
+    let single = |pooling: Pooling, size: usize| {
+        let net = net(&SvbrdfNetConfig { pooling, ..small(3) }, &device);
+        let none = Tensor::zeros([1, 2, size, size], &device).slice([0..0, 0..2, 0..size, 0..size]);
+        let maps = all_values(net.forward(frames(1, size, size, &device), none, None));
+        assert_same(&maps, &streamed(&net, frames(1, size, size, &device), Vec::new(), None, &device), 1e-5);
+        let still = Tensor::zeros([2, 2, size, size], &device);
+        let three = all_values(net.forward(frames(3, size, size, &device), still.clone(), None));
+        assert!(three.iter().all(|v| v.is_finite()) && differ(&three, &maps));
+        let steps = streamed(&net, frames(3, size, size, &device), Planes::from_tensor(still), None, &device);
+        assert_same(&three, &steps, 1e-5);
+        maps
+    };
+    for size in [1, 6] {
+        // The maximum and the mean of one frame are the frame.
+        assert_eq!(single(Pooling::Max, size), single(Pooling::Mean, size));
+        single(Pooling::MaxMeanVariance, size);
+        single(Pooling::Attention, size);
+    }
+}
+
+#[test]
+fn attention_starts_as_the_mean() {
+    let device = Device::flex();
+    let maps = |pooling: Pooling| {
+        let net = SvbrdfNetConfig { pooling, ..small(3) }.init(&device, &mut stream(1)).unwrap();
+        all_values(net.forward(frames(3, 8, 8, &device), flows(2, 8, 8, &device), None))
+    };
+    assert_eq!(maps(Pooling::Attention), maps(Pooling::Mean));
 }
 
 #[test]
@@ -266,11 +336,39 @@ fn a_saved_net_comes_back_whole() {
 }
 
 #[test]
+fn weights_of_another_pooling_are_refused() {
+    let device = Device::flex();
+    let folder = tempfile::tempdir().unwrap();
+    let manifest = folder.path().join("manifest.json");
+    // What is said of a net's file under a manifest that names another pooling.
+    let refused = |written: Pooling, named: &str| {
+        let net = net(&SvbrdfNetConfig { pooling: written, ..small(2) }, &device);
+        weights::save(folder.path(), &net, "a test".into(), [].into(), Precision::F32).unwrap();
+        let mut record: serde_json::Value = serde_json::from_slice(&std::fs::read(&manifest).unwrap()).unwrap();
+        record["nets"]["svbrdf"].as_object_mut().unwrap().remove("sha256");
+        record["nets"]["svbrdf"]["architecture"]["pooling"] = named.into();
+        std::fs::write(&manifest, serde_json::to_vec(&record).unwrap()).unwrap();
+        weights::load(folder.path(), &device).unwrap_err().to_string()
+    };
+    let error = refused(Pooling::Max, "attention");
+    assert!(error.contains("lacks `attention.maps.weight`") && error.contains("another architecture"), "{error}");
+    let error = refused(Pooling::Attention, "max");
+    assert!(error.contains("holds `attention.") && error.contains("this architecture hasn't"), "{error}");
+    let error = refused(Pooling::Max, "max-mean-variance");
+    assert!(error.contains("`head.layers.0.convolution.weight`") && error.contains("has shape"), "{error}");
+    let error = refused(Pooling::Max, "median");
+    assert!(error.contains("median") && error.contains("max-mean-variance"), "{error}");
+}
+
+#[test]
 fn the_size_of_a_net_is_known_before_it_is_built() {
     let device = Device::flex();
     let extremes = SvbrdfNetConfig { pixel_features: PixelFeatures::Extremes, fusion: Fusion::Frames, ..small(2) };
     let instance = SvbrdfNetConfig { normalisation: Normalisation::Instance, ..small(8) };
-    for config in [small(1), small(5), SvbrdfNetConfig { width: 70, ..small(1) }, extremes, instance] {
+    let poolings = POOLINGS.map(|pooling| SvbrdfNetConfig { pooling, ..extremes.clone() });
+    for config in
+        [small(1), small(5), SvbrdfNetConfig { width: 70, ..small(1) }, extremes, instance].into_iter().chain(poolings)
+    {
         assert_eq!(config.parameters(), net(&config, &device).num_params(), "{config:?}");
     }
 }
@@ -283,7 +381,11 @@ fn values_out_of_range_are_refused() {
     assert_eq!(wrong(SvbrdfNetConfig { dropout: 1.0, ..small(3) }), NetConfigError::Dropout { found: 1.0 });
     assert!(toml::from_str::<SvbrdfNetConfig>("widht = 3").is_err());
     let read: SvbrdfNetConfig = toml::from_str("width = 16\nfusion = 'frames'\n[output]\nstart = 'medians'").unwrap();
-    assert_eq!((read.width, read.levels, read.fusion), (16, 8, Fusion::Frames));
+    assert_eq!((read.width, read.levels, read.fusion, read.pooling), (16, 8, Fusion::Frames, Pooling::Max));
+    let names = ["max", "mean", "max-mean-variance", "attention"];
+    for (name, pooling) in names.into_iter().zip(POOLINGS) {
+        assert_eq!(toml::from_str::<SvbrdfNetConfig>(&format!("pooling = '{name}'")).unwrap().pooling, pooling);
+    }
 }
 
 struct Gradients<'a> {
@@ -304,11 +406,13 @@ impl ModuleVisitor for Gradients<'_> {
 #[test]
 fn gradients_are_finite_and_reach_every_parameter() {
     let device = Device::flex().autodiff();
-    for normalisation in [Normalisation::Weight, Normalisation::Instance] {
-        let net = net(&SvbrdfNetConfig { normalisation, ..small(3) }, &device);
+    let instance = SvbrdfNetConfig { normalisation: Normalisation::Instance, ..small(3) };
+    for config in POOLINGS.map(|pooling| SvbrdfNetConfig { pooling, ..small(3) }).into_iter().chain([instance]) {
+        let net = net(&config, &device);
         // Black pixels and invalid pixels are where powers and masks go wrong.
         let x = frames(3, 16, 16, &device) * Tensor::from_data(TensorData::from([[[[0.0f32]]], [[[1.0]]], [[[1.0]]]]), &device);
-        let maps = net.forward(x, flows(2, 16, 16, &device), None);
+        // A factor on the confidence learns where confidences differ.
+        let maps = net.forward(x, flows(2, 16, 16, &device), Some(masks(&[1.0, 0.6], 16, 16, &device)));
         let loss = maps.normal.slice([0..1, 0..2, 0..16, 0..16]).sum()
             + maps.diffuse.sum()
             + maps.roughness.sum()

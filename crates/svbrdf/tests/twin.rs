@@ -61,6 +61,13 @@ fn the_variants_are_the_twins() {
 }
 
 #[test]
+fn the_poolings_are_the_twins() {
+    for name in ["mean", "max-mean-variance", "attention"] {
+        check_net(name);
+    }
+}
+
+#[test]
 fn the_papers_net_has_the_twins_parameters() {
     let counts: serde_json::Value = serde_json::from_slice(&std::fs::read(golden("counts.json")).unwrap()).unwrap();
     let twin = |name: &str| counts[name].as_u64().unwrap() as usize;

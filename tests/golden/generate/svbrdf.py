@@ -18,8 +18,17 @@ OUTPUTS = 9
 class Shape:
     """A net's configuration; what isn't given is the paper's."""
 
-    def __init__(self, width=64, levels=8, normalisation="weight", fusion="features", pixel_features="none", filter_gain=1.0):
-        self.width, self.levels = width, levels
+    def __init__(
+        self,
+        width=64,
+        levels=8,
+        normalisation="weight",
+        fusion="features",
+        pixel_features="none",
+        filter_gain=1.0,
+        pooling="max",
+    ):
+        self.width, self.levels, self.pooling = width, levels, pooling
         self.normalisation, self.fusion, self.pixel_features = normalisation, fusion, pixel_features
         self.filter_gain = filter_gain
         self.inputs = 6 if fusion == "frames" else 5
@@ -29,9 +38,12 @@ class Shape:
         self.head = [max(h * width // 64, min(16, width)) for h in HEAD]
         self.global_width = 2 * width
         self.colours = 6 if pixel_features == "extremes" else 0
+        self.statistics = 3 if pooling == "max-mean-variance" else 1
 
     def architecture(self):
         names = ["width", "levels", "normalisation", "fusion", "pixel_features", "filter_gain"]
+        # The maximum is the default, as in configs that were written before there was a choice.
+        names += ["pooling"] if self.pooling != "max" else []
         return {name: getattr(self, name) for name in names}
 
 
@@ -68,13 +80,14 @@ class Convolution(nn.Module):
 class GlobalTrack(nn.Module):
     """Means and the previous vector → the next one; the previous vector → something to add to the layer's maps."""
 
-    def __init__(self, channels, shape, first, generator):
+    def __init__(self, channels, shape, first, generator, statistics=1):
         super().__init__()
-        inputs = channels if first else channels + shape.global_width
+        previous = statistics * shape.global_width
+        inputs = channels if first else channels + previous
         self.weight = golden.normal([inputs, shape.global_width], inputs**-0.5, generator)
         self.bias = golden.normal([shape.global_width], 0.1, generator)
         # Stronger than the paper's 0.01, so that an error here can't hide.
-        injection = golden.normal([shape.global_width, channels], 0.3 * shape.global_width**-0.5, generator)
+        injection = golden.normal([previous, channels], 0.3 * previous**-0.5, generator)
         self.injection = None if first else injection
 
     def forward(self, maps, means, previous):
@@ -87,10 +100,10 @@ class GlobalTrack(nn.Module):
 class Layer(nn.Module):
     """A convolution with its part of the global track."""
 
-    def __init__(self, inputs, outputs, shape, first, generator):
+    def __init__(self, inputs, outputs, shape, first, generator, statistics=1):
         super().__init__()
         self.convolution = Convolution(inputs, outputs, shape, generator)
-        setattr(self, "global", GlobalTrack(outputs, shape, first, generator))
+        setattr(self, "global", GlobalTrack(outputs, shape, first, generator, statistics))
 
     def forward(self, x, previous, stride=1):
         return getattr(self, "global")(*self.convolution(x, stride), previous)
@@ -130,12 +143,50 @@ class Decoder(nn.Module):
 class Head(nn.Module):
     def __init__(self, shape, generator):
         super().__init__()
-        inputs = [shape.width + shape.colours, *shape.head]
-        self.layers = nn.ModuleList(Layer(i, o, shape, False, generator) for i, o in zip(inputs, shape.head))
-        last = shape.head[-1] + shape.colours
+        inputs = [shape.statistics * (shape.width + shape.colours), *shape.head]
+        statistics = [shape.statistics, 1, 1, 1, 1]
+        layers = zip(inputs, shape.head, statistics)
+        self.layers = nn.ModuleList(Layer(i, o, shape, False, generator, s) for i, o, s in layers)
+        last = shape.head[-1] + shape.statistics * shape.colours
         # Not the initial 0.02·Xavier: the outputs shall reach tanh's curved part.
         self.weight = golden.normal([OUTPUTS, last, 3, 3], 1.5 * (9 * last) ** -0.5, generator)
         self.bias = golden.normal([OUTPUTS], 0.3, generator)
+
+
+class Score(nn.Module):
+    """How much a frame counts: a linear function of its features and of its alignment's confidence."""
+
+    def __init__(self, channels, generator):
+        super().__init__()
+        self.weight = golden.normal([channels], channels**-0.5, generator)
+        self.confidence = golden.normal([1], 2.0, generator)
+
+    def forward(self, values, confidence):
+        return torch.einsum("nchw,c->nhw", values, self.weight)[:, None] + self.confidence * confidence
+
+
+class Attention(nn.Module):
+    def __init__(self, shape, generator):
+        super().__init__()
+        self.maps = Score(shape.width + shape.colours, generator)
+        setattr(self, "global", Score(shape.global_width, generator))
+
+
+def pool(kind, values, present, confidence, score):
+    """Statistics over all frames of `values [N, C, H, W]`, one after the other; `present [N, 1, H, W]` says which take part."""
+    # The paper's own way: invalid features never are the maximum.
+    maximum = torch.where(present, values, -1e38).amax(0, keepdim=True)
+    if kind == "max":
+        return maximum
+    if kind == "attention":
+        share = torch.softmax(torch.where(present, score(values, confidence), -torch.inf), 0)
+        return (share * values).sum(0, keepdim=True)
+    share = present / present.sum(0)
+    mean = (share * values).sum(0, keepdim=True)
+    if kind == "mean":
+        return mean
+    variance = (share * (values - mean) ** 2).sum(0, keepdim=True)
+    return torch.cat([maximum, mean, variance], 1)
 
 
 def leaky(x):
@@ -148,6 +199,7 @@ class SvbrdfNet(nn.Module):
         generator = torch.Generator().manual_seed(seed)
         self.shape = shape
         self.encoder, self.decoder, self.head = Encoder(shape, generator), Decoder(shape, generator), Head(shape, generator)
+        self.attention = Attention(shape, generator) if shape.pooling == "attention" else None
 
     def features(self, frames):
         """Per-frame maps and global vectors of the U-Net."""
@@ -165,7 +217,7 @@ class SvbrdfNet(nn.Module):
     def forward(self, frames, flow, valid):
         """`frames [K + 1, 3, H, W]` gamma-encoded, guidance first; `flow [K, 2, H, W]` backward, NaN where invalid; `valid [K, 1, H, W]`."""
         count, _, height, width = frames.shape
-        flow = torch.where(valid > 0.5, flow, torch.nan)
+        flow = torch.where(valid > 0, flow, torch.nan)
         # The guidance frame has the identity warp.
         flow = torch.cat([torch.zeros_like(flow[:1]), flow]) if count > 1 else torch.zeros(1, 2, height, width).to(frames)
         linear = frames**2.2 * 2 - 1
@@ -177,12 +229,19 @@ class SvbrdfNet(nn.Module):
         maps, vectors = self.features(torch.cat([linear, x, y], 1))
         if self.shape.colours:
             maps = torch.cat([maps, linear[:, :3], -linear[:, :3]], 1)
+        # Where nothing is warped before the maximum, everything takes part, as surely as the guidance frame.
+        present = torch.ones_like(maps[:, :1], dtype=torch.bool)
+        confidence = torch.ones_like(maps[:, :1])
         if self.shape.fusion == "features":
-            values, mask = warp(maps, flow)
-            # The paper's own way: invalid features never are the maximum, and a frame that is nowhere seen takes no part.
-            maps = torch.where(mask, values, -1e38)
-            vectors = vectors[mask.flatten(1).any(1)]
-        return self.decode(maps.amax(0, keepdim=True), vectors.amax(0, keepdim=True))
+            maps, present = warp(maps, flow)
+            confidence = torch.where(present, torch.cat([confidence[:1], valid.to(maps)]), 0.0)
+        # A frame that is nowhere seen takes no part.
+        seen = present.any(dim=(1, 2, 3), keepdim=True)
+        trust = confidence.mean(dim=(1, 2, 3), keepdim=True)
+        score = {"maps": None, "global": None} if self.attention is None else dict(self.attention.named_children())
+        pooled = pool(self.shape.pooling, maps, present, confidence, score["maps"])
+        vector = pool(self.shape.pooling, vectors[:, :, None, None], seen, trust, score["global"])
+        return self.decode(pooled, vector[:, :, 0, 0])
 
     def decode(self, pooled, vector):
         """The bounded outputs and the maps: normal 3, diffuse 3, roughness 1, specular 3."""
@@ -190,7 +249,8 @@ class SvbrdfNet(nn.Module):
         for layer in self.head.layers:
             x, vector = layer(x, vector)
             x = leaky(x)
-        x = torch.cat([x, pooled[:, self.shape.width :]], 1)
+        colours = pooled.unflatten(1, (self.shape.statistics, -1))[:, :, self.shape.width :].flatten(1, 2)
+        x = torch.cat([x, colours], 1)
         x = F.conv2d(F.pad(x, (1, 1, 1, 1), mode="replicate"), self.head.weight, self.head.bias)
         outputs = torch.tanh(x)
         normal = F.normalize(torch.cat([3 * outputs[:, :2], torch.ones_like(outputs[:, :1])], 1), dim=1)
@@ -230,7 +290,10 @@ def draw(shape, size, keys, seed, precision, unseen):
     height, width = size
     pictures = golden.textures(keys + 1, height, width, generator)
     flow = flows(keys, height, width, generator)
-    valid = (torch.rand((keys, 1, height, width), generator=generator) > 0.15).to(torch.uint8)
+    confidence = torch.rand((keys, 1, height, width), generator=generator)
+    # Only attention tells confidences apart; the others' masks hold 0 and 1.
+    sure = (confidence * 255).round() if shape.pooling == "attention" else 1
+    valid = ((confidence > 0.15) * sure).to(torch.uint8)
     if unseen:
         valid[-1] = 0
     return net, pictures, flow, valid
@@ -239,7 +302,7 @@ def draw(shape, size, keys, seed, precision, unseen):
 def make_case(name, shape, size, keys=3, seed=1, precision="f16", unseen=False):
     """Writes one folder: weights, inputs, outputs and the gradients of Σ ±maps."""
     net, pictures, flow, valid = draw(shape, size, keys, seed, precision, unseen)
-    logits, maps = net(golden.decoded(pictures), flow, valid)
+    logits, maps = net(golden.decoded(pictures), flow, golden.decoded(valid) if shape.pooling == "attention" else valid)
     golden.signed_sum(maps).backward()
     folder = golden.FOLDER / "svbrdf" / name
     golden.write_net(folder, "svbrdf", "svbrdf", shape.architecture(), net, precision)
@@ -275,3 +338,7 @@ def main():
     make_case("no-warp", Shape(width=4, levels=3, fusion="none"), (16, 24), seed=6)
     make_case("single-frame", Shape(width=4, levels=3), (16, 24), keys=0, seed=7)
     make_case("extremes", Shape(width=4, levels=3, pixel_features="extremes", filter_gain=2**0.5), (16, 24), seed=8)
+    make_case("mean", Shape(width=4, levels=3, pooling="mean"), (16, 24), seed=9, unseen=True)
+    everything = Shape(width=4, levels=3, pixel_features="extremes", pooling="max-mean-variance")
+    make_case("max-mean-variance", everything, (16, 24), seed=10, unseen=True)
+    make_case("attention", Shape(width=4, levels=3, pooling="attention"), (16, 24), seed=11, unseen=True)

@@ -29,9 +29,10 @@ pub struct Decoder {
     dropout: f32,
 }
 
-/// Per-frame features at full resolution.
+/// Features at full resolution, per frame or pooled.
+#[derive(Clone, Debug)]
 pub struct Features {
-    /// `[N, C, H, W]`, before activation; C is the net's width, and 6 more with the frames' colours.
+    /// `[N, C, H, W]`, before activation; per frame C is the net's width, and 6 more with the frames' colours.
     pub maps: Tensor<4>,
     /// `[N, global]`
     pub global: Tensor<2>,
@@ -39,7 +40,7 @@ pub struct Features {
 
 impl Decoder {
     pub(super) fn init(config: &SvbrdfNetConfig, device: &Device, rng: &mut ChaCha8Rng) -> Self {
-        let (encoder, decoder) = (config.encoder_widths(), config.decoder_widths());
+        let (encoder, decoder, global) = (config.encoder_widths(), config.decoder_widths(), config.global_width());
         let levels = encoder.len();
         let blocks = (0..levels)
             .map(|i| {
@@ -48,7 +49,7 @@ impl Decoder {
                 DecoderBlock {
                     enlarged: Convolution::init(from, width, config, device, rng),
                     refined: Convolution::init(width, width, config, device, rng),
-                    global: GlobalTrack::init(width, config.global_width(), false, device, rng),
+                    global: GlobalTrack::init(width, Some(global), global, device, rng),
                 }
             })
             .collect();

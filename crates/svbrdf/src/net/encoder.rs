@@ -34,13 +34,13 @@ pub struct Encoded {
 impl Encoder {
     /// Draws an encoder of `inputs` channels.
     pub(super) fn init(config: &SvbrdfNetConfig, inputs: usize, device: &Device, rng: &mut ChaCha8Rng) -> Self {
-        let widths = config.encoder_widths();
+        let (widths, global) = (config.encoder_widths(), config.global_width());
         let levels = (0..widths.len())
             .map(|i| {
                 let from = if i == 0 { inputs } else { widths[i - 1] };
                 EncoderLevel {
                     convolution: Convolution::init(from, widths[i], config, device, rng),
-                    global: GlobalTrack::init(widths[i], config.global_width(), i == 0, device, rng),
+                    global: GlobalTrack::init(widths[i], (i > 0).then_some(global), global, device, rng),
                 }
             })
             .collect();

@@ -31,7 +31,7 @@ pub struct GlobalTrack {
     weight: Param<Tensor<2>>,
     /// `[global]`
     bias: Param<Tensor<1>>,
-    /// `[global, channels]`, from the previous global vector into this layer's maps; absent in the first layer.
+    /// `[previous, channels]`, from the previous global vector into this layer's maps; absent in the first layer.
     injection: Option<Param<Tensor<2>>>,
 }
 
@@ -44,20 +44,21 @@ pub struct GlobalStep {
 }
 
 impl GlobalTrack {
-    /// Draws the part of a layer with `channels` maps; `first` has no global vector before it.
-    pub fn init(channels: usize, global: usize, first: bool, device: &Device, rng: &mut ChaCha8Rng) -> Self {
-        let inputs = if first { channels } else { channels + global };
+    /// Draws the part of a layer with `channels` maps, whose global vector follows one of `previous` numbers; the first layer's
+    /// follows none.
+    pub fn init(channels: usize, previous: Option<usize>, global: usize, device: &Device, rng: &mut ChaCha8Rng) -> Self {
+        let inputs = channels + previous.unwrap_or(0);
         Self {
             weight: gaussian([inputs, global], 1.0 / (inputs as f32).sqrt(), device, rng),
             bias: gaussian([global], BIAS_STD, device, rng),
-            injection: (!first).then(|| gaussian([global, channels], INJECTION_STD / (global as f32).sqrt(), device, rng)),
+            injection: previous.map(|p| gaussian([p, channels], INJECTION_STD / (p as f32).sqrt(), device, rng)),
         }
     }
 
     /// Means and the previous global vector → the layer's bias and the next global vector.
     ///
     /// # Shapes
-    /// `means [N, channels]`, `previous [N, global]`
+    /// `means [N, channels]`, `previous [N, previous]`
     ///
     /// # Panics
     /// If `previous` is missing where the layer expects one.

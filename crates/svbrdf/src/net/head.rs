@@ -11,7 +11,7 @@ use render::svbrdf::Svbrdf;
 use super::convolution::{Convolution, gaussian};
 use super::global_track::GlobalTrack;
 use super::least_squares::{ALBEDOS, AlbedoRows};
-use super::{LEAK, SvbrdfNetConfig};
+use super::{Features, LEAK, SvbrdfNetConfig};
 use crate::constants::{ConstantMaps, OUTPUTS};
 
 /// Largest slope |nx / nz| or |ny / nz| the net can express (paper §6: tanh × 3).
@@ -31,12 +31,14 @@ struct HeadLayer {
 #[derive(Module, Debug)]
 pub struct Head {
     layers: Vec<HeadLayer>,
-    /// `[9, C, 3, 3]`, not normalised; the last 6 of C are pooled colours where the net has them.
+    /// `[9, C, 3, 3]`, not normalised; the last of C are pooled colours where the net has them, 6 per statistic.
     weight: Param<Tensor<4>>,
     /// `[9]`
     bias: Param<Tensor<1>>,
-    /// Pooled channels that come from the U-Net; colours follow.
+    /// Channels of a statistic that come from the U-Net; colours follow.
     features: usize,
+    /// Statistics that the pooling gives one after the other.
+    statistics: usize,
 }
 
 /// Maps with the net's bounded outputs they were made of.
@@ -66,19 +68,19 @@ impl Head {
         let widths = config.head_widths();
         let layers = (0..widths.len())
             .map(|i| {
-                let from = if i == 0 { config.feature_channels() } else { widths[i - 1] };
+                let (from, previous) = config.head_inputs(i);
                 HeadLayer {
                     convolution: Convolution::init(from, widths[i], config, device, rng),
-                    global: GlobalTrack::init(widths[i], config.global_width(), false, device, rng),
+                    global: GlobalTrack::init(widths[i], Some(previous), config.global_width(), device, rng),
                 }
             })
             .collect();
-        let inputs = *widths.last().expect("the head has layers") + config.feature_channels() - config.width;
+        let inputs = *widths.last().expect("the head has layers") + config.pooled_colours();
         // Xavier normal: √(2 / (fan in + fan out)), times the configured gain (spec 4.1: 0.02).
         let std = config.output.gain * (2.0 / (9 * (inputs + OUTPUTS)) as f32).sqrt();
         let weight = gaussian([OUTPUTS, inputs, 3, 3], std, device, rng);
         let bias = Param::from_data(TensorData::new(vec![0.0f32; OUTPUTS], [OUTPUTS]), device);
-        Self { layers, weight, bias, features: config.width }
+        Self { layers, weight, bias, features: config.width, statistics: config.pooling.statistics() }
     }
 
     /// The same head whose outputs start at `constants`.
@@ -106,30 +108,29 @@ impl Head {
     /// What the last layer reads.
     ///
     /// # Shapes
-    /// `pooled [1, width, H, W]` or, with the frames' colours, `[1, width + 6, H, W]`; `global [1, G]` → `[1, C, H, W]`
-    pub(super) fn last_inputs(&self, pooled: Tensor<4>, global: Tensor<2>) -> Tensor<4> {
+    /// See [`Pooled::features`](super::Pooled::features) → `[1, C, H, W]`
+    pub(super) fn last_inputs(&self, pooled: Features) -> Tensor<4> {
+        let Features { maps: pooled, mut global } = pooled;
         let [n, c, h, w] = pooled.dims();
-        let colours = (c > self.features).then(|| pooled.clone().slice([0..n, self.features..c, 0..h, 0..w]));
+        let each = c / self.statistics;
+        let colours = |i: usize| pooled.clone().slice([0..n, i * each + self.features..(i + 1) * each, 0..h, 0..w]);
+        let colours: Vec<_> = (0..self.statistics).filter(|_| each > self.features).map(colours).collect();
         let mut x = bias_leaky_relu(pooled, None, LEAK);
-        let mut global = global;
         for layer in &self.layers {
             let response = layer.convolution.respond(x, SAME);
             let step = layer.global.forward(response.means, Some(global));
             x = bias_leaky_relu(response.maps, step.bias, LEAK);
             global = step.global;
         }
-        match colours {
-            Some(colours) => Tensor::cat(vec![x, colours], 1),
-            None => x,
-        }
+        if colours.is_empty() { x } else { Tensor::cat(std::iter::once(x).chain(colours).collect(), 1) }
     }
 
     /// Decodes pooled features.
     ///
     /// # Shapes
-    /// `pooled [1, width, H, W]` or, with the frames' colours, `[1, width + 6, H, W]`; `global [1, G]`; maps `[1, …, H, W]`
-    pub fn forward(&self, pooled: Tensor<4>, global: Tensor<2>) -> Prediction {
-        let inputs = self.last_inputs(pooled, global);
+    /// See [`Pooled::features`](super::Pooled::features); maps `[1, …, H, W]`
+    pub fn forward(&self, pooled: Features) -> Prediction {
+        let inputs = self.last_inputs(pooled);
         let logits = conv3x3(inputs, self.weight.val(), SAME) + self.bias.val().reshape([1, OUTPUTS, 1, 1]);
         Prediction { maps: to_maps(logits.clone().tanh()), logits }
     }

@@ -1,5 +1,6 @@
-//! The SVBRDF net (paper §6, Fig. 5): encoder and decoder per frame, warp and maximum across frames, head.
+//! The SVBRDF net (paper §6, Fig. 5): encoder and decoder per frame, warp and pooling across frames, head.
 
+pub mod attention;
 pub mod convolution;
 pub mod decoder;
 pub mod encoder;
@@ -7,6 +8,7 @@ pub mod fusion;
 pub mod global_track;
 pub mod head;
 mod least_squares;
+pub mod pooling;
 mod size;
 
 use burn::module::Module;
@@ -16,13 +18,14 @@ use render::svbrdf::{Svbrdf, SvbrdfImage};
 use serde::{Deserialize, Serialize};
 
 pub use decoder::Features;
-pub use fusion::{FusionError, KeyFrame};
+pub use fusion::{FusionError, KeyFrame, Warps};
 pub use head::Prediction;
+pub use pooling::{Pooled, Pooling};
 
 use crate::constants::ConstantMaps;
+use attention::Attention;
 use decoder::Decoder;
 use encoder::Encoder;
-use fusion::masked_flow;
 use head::Head;
 use least_squares::LeastSquares;
 
@@ -59,14 +62,6 @@ pub enum Fusion {
     Frames,
     /// No warp: every frame shows the whole sample (Deschaintre et al. 2019).
     None,
-}
-
-/// What reduces the frames' features to one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Pooling {
-    /// Element-wise maximum.
-    Max,
 }
 
 /// Whether the head sees the frames' colours beside the U-Net's features.
@@ -209,6 +204,7 @@ impl SvbrdfNetConfig {
             encoder: Encoder::init(self, self.input_channels(), device, rng),
             decoder: Decoder::init(self, device, rng),
             head: Head::init(self, device, rng),
+            attention: (self.pooling == Pooling::Attention).then(|| Attention::init(self, device)),
             config: self.clone(),
         })
     }
@@ -229,6 +225,11 @@ impl SvbrdfNetConfig {
         }
     }
 
+    /// Pooled channels that come from the frames' colours, whatever their statistics.
+    fn pooled_colours(&self) -> usize {
+        self.pooling.statistics() * (self.feature_channels() - self.width)
+    }
+
     fn encoder_widths(&self) -> Vec<usize> {
         ENCODER[..self.levels].iter().map(|f| f * self.width).collect()
     }
@@ -240,6 +241,14 @@ impl SvbrdfNetConfig {
     fn head_widths(&self) -> Vec<usize> {
         let narrowest = NARROWEST_HEAD.min(self.width);
         HEAD.iter().map(|h| (h * self.width / PAPER_WIDTH).max(narrowest)).collect()
+    }
+
+    /// Channels that a layer of the head reads, and how long the global vector before it is.
+    fn head_inputs(&self, layer: usize) -> (usize, usize) {
+        match layer {
+            0 => (self.pooling.statistics() * self.feature_channels(), self.pooling.statistics() * self.global_width()),
+            _ => (self.head_widths()[layer - 1], self.global_width()),
+        }
     }
 
     fn global_width(&self) -> usize {
@@ -265,6 +274,8 @@ pub struct SvbrdfNet {
     encoder: Encoder,
     decoder: Decoder,
     head: Head,
+    /// Present for [`Pooling::Attention`].
+    attention: Option<Attention>,
     #[module(skip)]
     config: SvbrdfNetConfig,
 }
@@ -279,7 +290,7 @@ impl SvbrdfNet {
     ///
     /// # Shapes
     /// `frames [K + 1, 3, H, W]`, guidance first, gamma-encoded RGB in [0, 1]; `flow [K, 2, H, W]` backward, from guidance pixels into
-    /// each key frame, NaN where invalid; `valid [K, 1, H, W]` of 0 and 1. Any H and W; maps `[1, …, H, W]`.
+    /// each key frame, NaN where invalid; `valid [K, 1, H, W]` in [0, 1] (see [`Warps::new`]). Any H and W; maps `[1, …, H, W]`.
     pub fn forward(&self, frames: Tensor<4>, flow: Tensor<4>, valid: Option<Tensor<4>>) -> Svbrdf {
         self.predict(frames, flow, valid, None).maps
     }
@@ -292,25 +303,25 @@ impl SvbrdfNet {
         valid: Option<Tensor<4>>,
         dropout: Option<&mut ChaCha8Rng>,
     ) -> Prediction {
-        let pooled = self.pooled(frames, masked_flow(flow, valid), dropout);
+        let pooled = self.pooled(frames, Warps::new(flow, valid, self.config.pooling), dropout);
         self.decode(pooled)
     }
 
     /// The features of all frames, merged in the guidance frame's pixels.
-    fn pooled(&self, frames: Tensor<4>, flow: Tensor<4>, dropout: Option<&mut ChaCha8Rng>) -> Features {
+    fn pooled(&self, frames: Tensor<4>, warps: Warps, dropout: Option<&mut ChaCha8Rng>) -> Pooled {
         let [n, _, h, w] = frames.dims();
-        let guided = Tensor::cat(vec![Tensor::zeros([1, 2, h, w], &flow.device()), flow.clone()], 0);
+        let guided = Tensor::cat(vec![Tensor::zeros([1, 2, h, w], &warps.flow.device()), warps.flow.clone()], 0);
         let features = self.extract(self.frame_inputs(frames, guided), dropout);
         let [_, c, _, _] = features.maps.dims();
         let [_, g] = features.global.dims();
         if n == 1 {
-            return features;
+            return self.begin(features);
         }
         let part = |range: std::ops::Range<usize>| Features {
             maps: features.maps.clone().slice([range.clone(), 0..c, 0..h, 0..w]),
             global: features.global.clone().slice([range, 0..g]),
         };
-        self.pool(part(0..1), part(1..n), flow)
+        self.pool(self.begin(part(0..1)), part(1..n), &warps)
     }
 
     /// What the encoder reads: linear light in [−1, 1], coordinates and, for warped frames, their mask.
@@ -356,8 +367,8 @@ impl SvbrdfNet {
     }
 
     /// Maps from pooled features.
-    pub fn decode(&self, pooled: Features) -> Prediction {
-        self.head.forward(pooled.maps, pooled.global)
+    pub fn decode(&self, pooled: Pooled) -> Prediction {
+        self.head.forward(pooled.features())
     }
 
     /// The same net whose outputs start at constant maps: the last layer's bias becomes their atanh.
@@ -373,8 +384,8 @@ impl SvbrdfNet {
         let mut fit: Option<LeastSquares> = None;
         for exemplar in exemplars {
             let FitExemplar { frames, flow, valid, target } = exemplar?;
-            let pooled = self.pooled(frames, masked_flow(flow, Some(valid)), None);
-            let inputs = self.head.last_inputs(pooled.maps, pooled.global);
+            let pooled = self.pooled(frames, Warps::new(flow, Some(valid), self.config.pooling), None);
+            let inputs = self.head.last_inputs(pooled.features());
             let [_, channels, _, _] = inputs.dims();
             let inputs = ops::planes::Planes::from_tensor(inputs).remove(0);
             fit.get_or_insert_with(|| LeastSquares::new(channels)).add(&inputs, &target);
