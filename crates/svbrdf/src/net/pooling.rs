@@ -185,6 +185,7 @@ pub struct Pooled(pub(super) State);
 
 /// One variant per kind of statistics.
 #[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant, reason = "a scan has one of it")]
 pub(super) enum State {
     Maximum(Features),
     Weighted(Both<WeightedMean>),
