@@ -178,7 +178,10 @@ impl PwcConfig {
     /// | `dc_conv1.0` … `dc_conv6.0`, `dc_conv7` | `context.convs.0` … `5`, `context.predict` |
     ///
     /// Nothing reads the release's `deconv2`. Its images are BGR: the input channels of `conv1a.0.weight` are to be reversed
-    /// for this net, which sees RGB.
+    /// for this net, which sees RGB. Its first version lacks the `aa` convolutions: `convs_per_level = 2`.
+    ///
+    /// # Source
+    /// Sun et al. 2018 and their release. Departs: the release's warp keeps samples up to 1e-4 px outside.
     pub fn published() -> Self {
         Self {
             channels: vec![16, 32, 64, 96, 128, 196],

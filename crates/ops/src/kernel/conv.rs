@@ -2,7 +2,7 @@
 //!
 //! The input is copied once into a padded, stride-split buffer, after which every kernel tap is a constant offset and a row
 //! of output pixels reads a row of consecutive inputs. Images narrower than a register tile are laid out as columns
-//! (one row holding all output pixels of the batch) and use the same inner loops. [`super::enlarging`] builds on them too.
+//! (one row holding all output pixels of the batch) and use the same inner loops. The enlarging convolution builds on them too.
 
 use rayon::prelude::*;
 
