@@ -14,6 +14,7 @@ use std::sync::Arc;
 use dataset::material::augment::AugmentConfig;
 use dataset::material::procedural::{Family, generate};
 use dataset::material::{Material, MaterialInfo};
+use dataset::sequence::sensor::SensorConfig;
 use dataset::sequence::{Sequence, SequenceConfig};
 use dataset::stream::Stream;
 use ops::planes::Planes;
@@ -28,9 +29,6 @@ motion_blur = { shutter = [0.8, 0.8] }
 distortion = { k1 = [-0.5, -0.5], k2 = [-0.3, -0.3] }
 rolling_shutter = { readout = [1.0, 1.0] }
 compression = { quality = [12, 12] }";
-/// All options at their defaults.
-const PHONE: &str = "vignetting = {}\nexposure = {}\nwhite_balance = {}\nmotion_blur = {}\ndistortion = {}\n\
-                     rolling_shutter = {}\ncompression = {}";
 const FRAMES: [usize; 3] = [10, 60, 120];
 /// Factor on the difference from the ideal sensor.
 const DIFFERENCE_GAIN: f32 = 2.0;
@@ -42,8 +40,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let material = bricks()?;
     let mut rows = vec![];
     let mut ideal: Option<Planes> = None;
-    for options in OPTIONS.lines().chain([PHONE]) {
-        let sensor = toml::from_str(options)?;
+    let options: Result<Vec<SensorConfig>, _> = OPTIONS.lines().map(toml::from_str).collect();
+    for sensor in options?.into_iter().chain([SensorConfig::phone()]) {
         let mut config = SequenceConfig { sensor, augment: AugmentConfig::none(), ..SequenceConfig::svbrdf() };
         config.path.line_share = 0.0;
         config.validate()?;

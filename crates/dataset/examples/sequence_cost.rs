@@ -2,13 +2,15 @@
 //! `cargo run -p dataset --example sequence_cost`.
 //!
 //! One video is 141 frames of 256², the exact flow from its first frame to every other, and 20 sets of target maps, from a
-//! material of 4096² texels. Then frames, resolution and material grow fourfold, one at a time.
+//! material of 4096² texels. Then frames, resolution and material grow fourfold, one at a time. The second table has what each
+//! option of the sensor adds to a frame.
 
 use std::sync::Arc;
 use std::time::Instant;
 
 use dataset::material::{Material, MaterialInfo, Precision};
 use dataset::path::PathConfig;
+use dataset::sequence::sensor::SensorConfig;
 use dataset::sequence::{Sequence, SequenceConfig};
 use dataset::stream::Stream;
 use ops::kernel::peak::Peak;
@@ -30,14 +32,17 @@ impl Cost {
     }
 }
 
+/// Videos per row; the middle one is printed.
+const ROUNDS: usize = 5;
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    const ROUNDS: usize = 5;
     println!("{}\n", Peak::measure());
     println!("| material | frames | side | material MB | frames s | flow s | targets s | all s | frames/s | most memory MiB |");
     println!("|---|---|---|---|---|---|---|---|---|---|");
     for (texels, rate, side) in [(4096, 1.0, 256), (1024, 1.0, 256), (4096, 4.0, 256), (4096, 1.0, 512)] {
         let material = material(texels)?;
-        let video = video(&material, rate);
+        let path = PathConfig { frame_rate: rate, ..PathConfig::default() };
+        let video = video(&material, SequenceConfig { path, ..SequenceConfig::svbrdf() });
         let mut costs: Vec<Cost> = (0..ROUNDS).map(|_| cost(&video, side)).collect();
         costs.sort_by(|a, b| a.total().total_cmp(&b.total()));
         let Cost { frames, flow, targets } = costs[ROUNDS / 2];
@@ -49,26 +54,63 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             peak_rss_mib().unwrap_or(f64::NAN) as usize
         );
     }
+    sensor_options()
+}
+
+/// Milliseconds per frame of 256² from a material of 1024² texels, the options timed in turn.
+fn sensor_options() -> Result<(), Box<dyn std::error::Error>> {
+    const OPTIONS: [&str; 8] = [
+        "",
+        "vignetting = {}",
+        "exposure = {}",
+        "white_balance = {}",
+        "motion_blur = {}",
+        "distortion = {}",
+        "rolling_shutter = {}",
+        "compression = {}",
+    ];
+    let parsed: Result<Vec<SensorConfig>, _> = OPTIONS.iter().map(|text| toml::from_str(text)).collect();
+    let material = material(1024)?;
+    let videos: Vec<Sequence> = parsed?
+        .into_iter()
+        .chain([SensorConfig::phone()])
+        .map(|sensor| video(&material, SequenceConfig { sensor, ..SequenceConfig::svbrdf() }))
+        .collect();
+    let mut times = vec![vec![]; videos.len()];
+    for _ in 0..ROUNDS {
+        for (video, times) in videos.iter().zip(&mut times) {
+            times.push(seconds(|| (0..video.len()).for_each(|i| drop(video.frame(i, 256)))));
+        }
+    }
+    let per_frame = times.iter_mut().zip(&videos).map(|(times, video)| {
+        times.sort_by(f64::total_cmp);
+        1e3 * times[ROUNDS / 2] / video.len() as f64
+    });
+    println!("\n| sensor | ms per frame |");
+    println!("|---|---|");
+    for (name, milliseconds) in OPTIONS.into_iter().chain(["all of them"]).zip(per_frame) {
+        let name = if name.is_empty() { "ideal" } else { name.trim_end_matches(" = {}") };
+        println!("| {name} | {milliseconds:.2} |");
+    }
     Ok(())
 }
 
 /// As many frames as the path has; videos are drawn as in training.
-fn video(material: &Arc<Material>, frame_rate: f64) -> Sequence {
-    let path = PathConfig { frame_rate, ..PathConfig::default() };
-    let config = SequenceConfig { path, ..SequenceConfig::svbrdf() };
+fn video(material: &Arc<Material>, config: SequenceConfig) -> Sequence {
     Sequence::new(Arc::clone(material), &config, &Stream::new(7), 1)
 }
 
+fn seconds(work: impl FnOnce()) -> f64 {
+    let began = Instant::now();
+    work();
+    began.elapsed().as_secs_f64()
+}
+
 fn cost(video: &Sequence, side: usize) -> Cost {
-    let timed = |work: &dyn Fn()| {
-        let began = Instant::now();
-        work();
-        began.elapsed().as_secs_f64()
-    };
     Cost {
-        frames: timed(&|| (0..video.len()).for_each(|i| drop(video.frame(i, side)))),
-        flow: timed(&|| (1..video.len()).for_each(|i| drop(video.flow(0, i, side)))),
-        targets: timed(&|| (0..20).for_each(|i| drop(video.target_maps(i, side)))),
+        frames: seconds(|| (0..video.len()).for_each(|i| drop(video.frame(i, side)))),
+        flow: seconds(|| (1..video.len()).for_each(|i| drop(video.flow(0, i, side)))),
+        targets: seconds(|| (0..20).for_each(|i| drop(video.target_maps(i, side)))),
     }
 }
 

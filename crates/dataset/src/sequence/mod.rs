@@ -34,7 +34,7 @@ use crate::stream::Stream;
 use environment::EnvironmentMapsError;
 use lights::{LightConfig, Lighting, VideoLights};
 pub(crate) use noise::PixelNoise;
-use sensor::{BLOCK, SensorConfig, SensorError, VideoSensor, compressed};
+use sensor::{BLOCK, REACH, SensorConfig, SensorError, VideoSensor, compressed};
 use warp::FrameGeometry;
 pub use warp::{BentWarp, FrameWarp};
 
@@ -224,8 +224,9 @@ impl Sequence {
         let Some(quality) = self.sensor.quality else {
             return self.exposed(frame, res, [y0, x0], [height, width]);
         };
-        let (top, left) = (y0 - y0 % BLOCK, x0 - x0 % BLOCK);
-        let end = |v: usize| v.next_multiple_of(BLOCK).min(res);
+        let start = |v: usize| v.saturating_sub(REACH) / BLOCK * BLOCK;
+        let end = |v: usize| (v + REACH).next_multiple_of(BLOCK).min(res);
+        let (top, left) = (start(y0), start(x0));
         let blocks = self.exposed(frame, res, [top, left], [end(y0 + height) - top, end(x0 + width) - left]);
         compressed(&blocks, quality).crop(y0 - top, x0 - left, height, width)
     }

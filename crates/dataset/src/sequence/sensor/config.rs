@@ -146,8 +146,8 @@ impl Default for RollingShutterConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CompressionConfig {
-    /// Range of the JPEG quality, 1 to 100, one draw per video. Each frame is compressed by itself and at full colour
-    /// resolution: that stands for a phone's video encoder.
+    /// Range of the JPEG quality, 1 to 100, one draw per video. Each frame is compressed by itself, colour at half
+    /// resolution (4:2:0): that stands for a phone's video encoder.
     pub quality: [u8; 2],
 }
 
@@ -170,6 +170,19 @@ pub struct SensorError {
 }
 
 impl SensorConfig {
+    /// Every option at its defaults: a phone's camera.
+    pub fn phone() -> Self {
+        Self {
+            vignetting: Some(VignettingConfig::default()),
+            exposure: Some(ExposureConfig::default()),
+            white_balance: Some(WhiteBalanceConfig::default()),
+            motion_blur: Some(MotionBlurConfig::default()),
+            distortion: Some(DistortionConfig::default()),
+            rolling_shutter: Some(RollingShutterConfig::default()),
+            compression: Some(CompressionConfig::default()),
+        }
+    }
+
     /// Checks every value.
     ///
     /// # Errors
@@ -251,6 +264,7 @@ mod tests {
             "vignetting = {}\nexposure = {}\nwhite_balance = {}\nmotion_blur = {}\ndistortion = {}\nrolling_shutter = {}\ncompression = {}",
         );
         all.validate().unwrap();
+        assert_eq!(all, SensorConfig::phone());
         assert_eq!(parsed(&toml::to_string(&all).unwrap()), all);
     }
 

@@ -9,7 +9,7 @@ pub use config::{
     VignettingConfig, WhiteBalanceConfig,
 };
 
-pub(super) use compression::{BLOCK, compressed};
+pub(super) use compression::{BLOCK, REACH, compressed};
 
 use rand::{Rng, RngExt};
 use render::lens::{RadialDistortion, Vignetting};
