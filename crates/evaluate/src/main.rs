@@ -68,6 +68,7 @@ struct Synthetic {
 }
 
 fn main() -> ExitCode {
+    ops::process::keep_memory();
     let arguments = Arguments::parse();
     match run(arguments) {
         Ok(()) => ExitCode::SUCCESS,

@@ -64,6 +64,7 @@ impl From<anyhow::Error> for Failure {
 }
 
 fn main() -> ExitCode {
+    ops::process::keep_memory();
     let (error, code) = match run(Arguments::parse()) {
         Ok(shortcomings) if shortcomings.is_empty() => return ExitCode::SUCCESS,
         Ok(shortcomings) => {

@@ -72,6 +72,7 @@ impl From<FolderError> for Failure {
 
 /// Runs the program.
 pub fn main() -> ExitCode {
+    ops::process::keep_memory();
     // clap itself exits with 2 on bad usage, 0 on --help.
     match run(&Arguments::parse()) {
         Ok(code) => code,

@@ -167,6 +167,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let python = arguments.next().ok_or("expected the name of a Python that has PyTorch, or -")?;
     if python == "--work" {
+        ops::process::keep_memory();
         return work();
     }
     let parts: Vec<String> = arguments.collect();
