@@ -4,9 +4,14 @@
 //! Two of a kernel's three taps along an axis fall into the same block, so their weights add up. That is exact, borders
 //! included, and takes 16 instead of 36 multiplications per small pixel.
 
-use super::conv::{self, Field, Part, Rows, Sizes, Target, correlate, correlate_gradient, padded_rows, zeros};
+use rayon::prelude::*;
+
+use super::conv::{Sizes, input_gradient_narrow, swap_axes};
+use super::correlate::{Part, Target, correlate};
+use super::rows::{Field, Rows, column_field, column_rows, padded_rows, zeros};
 use super::tile::{Offsets, TILE};
 use super::transposed::{Bordered, Tap, input_gradient};
+use super::weight_gradient::correlate_gradient;
 use crate::conv::Conv3x3;
 
 /// Positions in a block of 2×2.
@@ -28,59 +33,72 @@ fn taps_of(phase: usize, tap: usize) -> impl Iterator<Item = usize> {
     merged(phase / 2, tap / 2).flat_map(move |ky| columns.clone().map(move |kx| 3 * ky + kx))
 }
 
-/// The weight of a phase's tap in one 3×3 kernel.
-fn weight_of(kernel: &[f32], phase: usize, tap: usize) -> f32 {
-    taps_of(phase, tap).map(|k| kernel[k]).sum()
+/// Where in the small image's 3×3 neighbourhood a phase's tap reads.
+fn place(phase: usize, tap: usize) -> [usize; 2] {
+    [phase / 2 + tap / 2, phase % 2 + tap % 2]
+}
+
+/// Fills the 2×2 weights of one phase of a 3×3 kernel.
+fn merge(kernel: &[f32], phase: usize, taps: &mut [f32]) {
+    let pair = |phase: usize, [a, b, c]: [f32; 3]| if phase == 0 { [a, b + c] } else { [a + b, c] };
+    let [left, middle, right] = std::array::from_fn(|x| pair(phase / 2, [kernel[x], kernel[3 + x], kernel[6 + x]]));
+    for row in 0..2 {
+        taps[2 * row..][..2].copy_from_slice(&pair(phase % 2, [left[row], middle[row], right[row]]));
+    }
 }
 
 /// What a phase reads in [`padded_rows`].
 fn field(rows: &Rows, s: &Sizes, phase: usize) -> Field {
     let (plane, row) = (rows.image_step / s.inputs, rows.row_step);
-    let offset = |k: usize| k / 4 * plane + (k % 4 / 2 + phase / 2) * row + k % 2 + phase % 2;
+    let offset = |k: usize| {
+        let [y, x] = place(phase, k % 4);
+        k / 4 * plane + y * row + x
+    };
     Field { offsets: Offsets::new((0..4 * s.inputs).map(offset)), height: s.h, width: s.w }
 }
 
 /// `x [N, I, H, W]`, `w [O, I, 3, 3]` → `[N, O, 2H, 2W]`
 pub fn forward(x: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
+    let weights = |phase: usize| move |o: usize, c: usize, taps: &mut [f32]| merge(s.kernel(w, o, c), phase, taps);
+    let area = s.h * s.w;
+    let mut out = zeros(s.n * s.outputs * PHASES * area);
     if s.w < TILE {
-        return conv::forward(&enlarged(x, s), w, &enlarged_sizes(s));
+        let (small, pixels) = (small_sizes(s), s.n * area);
+        let rows = column_rows(x, &small);
+        let part = |phase: usize| {
+            let columns = (0..4 * s.inputs).map(|k| {
+                let [y, x] = place(phase, k % 4);
+                k / 4 * 9 + 3 * y + x
+            });
+            Part::new(column_field(&rows, columns, pixels), phase * s.outputs * pixels, s.outputs, 4, weights(phase))
+        };
+        correlate(&rows, s.outputs, &std::array::from_fn::<_, PHASES, _>(part), &mut out, &Target::columns(pixels));
+        return interleaved(&swap_axes(&out, PHASES * s.outputs, s.n, area), s);
     }
     let rows = padded_rows(x, s);
-    let part = |phase: usize| {
-        let weight = |o: usize, k: usize| weight_of(&w[(o * s.inputs + k / 4) * 9..][..9], phase, k % 4);
-        Part::new(field(&rows, s, phase), phase / 2 * 2 * s.w + phase % 2, s.outputs, weight)
-    };
-    let area = PHASES * s.h * s.w;
-    let mut out = zeros(s.n * s.outputs * area);
-    let target = Target { image: s.outputs * area, channel: area, row: 4 * s.w, column: 2 };
+    let part = |phase: usize| Part::new(field(&rows, s, phase), phase / 2 * 2 * s.w + phase % 2, s.outputs, 4, weights(phase));
+    let target = Target { image: s.outputs * PHASES * area, channel: PHASES * area, row: 4 * s.w, column: 2 };
     correlate(&rows, s.outputs, &std::array::from_fn::<_, PHASES, _>(part), &mut out, &target);
     out
 }
 
 /// Gradient of the input: `gradient [N, O, 2H, 2W]` → `[N, I, H, W]`
 pub fn backward_input(gradient: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
+    let weights = |c: usize, o: usize, taps: &mut [f32]| {
+        taps.chunks_exact_mut(4).enumerate().for_each(|(phase, taps)| merge(s.kernel(w, o, c), phase, taps));
+    };
+    let taps = (0..PHASES * 4).map(|i| (i / 4, place(i / 4, i % 4)));
     if s.w < TILE {
-        return reduced(&conv::backward_input(gradient, w, &enlarged_sizes(s)), s);
+        let planes = split(gradient, s);
+        let taps: Vec<(usize, usize)> = taps.map(|(plane, [y, x])| (plane, 3 * y + x)).collect();
+        return input_gradient_narrow(&planes, PHASES, &taps, weights, &small_sizes(s));
     }
-    // Tap i: output channel, phase, tap of the phase.
-    let split = |i: usize| (i / 16, i / 4 % 4, i % 4);
-    let tap = |i: usize| {
-        let (o, phase, tap) = split(i);
-        Tap { plane: o * PHASES + phase, row: phase / 2 + tap / 2, column: phase % 2 + tap % 2 }
-    };
-    let taps: Vec<Tap> = (0..16 * s.outputs).map(tap).collect();
-    let weight = |channel: usize, i: usize| {
-        let (o, phase, tap) = split(i);
-        weight_of(&w[(o * s.inputs + channel) * 9..][..9], phase, tap)
-    };
-    input_gradient(&phase_rows(gradient, s), &taps, weight, s)
+    let taps: Vec<Tap> = taps.map(|(plane, [row, column])| Tap { plane, row, column }).collect();
+    input_gradient(&phase_rows(gradient, s), &taps, weights, s)
 }
 
 /// Gradient of the weights: `x [N, I, H, W]`, `gradient [N, O, 2H, 2W]` → `[O, I, 3, 3]`
 pub fn backward_weight(x: &[f32], gradient: &[f32], s: &Sizes) -> Vec<f32> {
-    if s.w < TILE {
-        return conv::backward_weight(&enlarged(x, s), gradient, &enlarged_sizes(s));
-    }
     let (rows, phases) = (padded_rows(x, s), phase_rows(gradient, s));
     let Rows { image_step, row_step, .. } = phases.rows;
     let layout = Target { image: image_step, channel: PHASES * phases.plane_step(), row: row_step, column: 1 };
@@ -88,11 +106,13 @@ pub fn backward_weight(x: &[f32], gradient: &[f32], s: &Sizes) -> Vec<f32> {
     for phase in 0..PHASES {
         let gradient = &phases.rows.data[phases.at(phase, 0, 0)..];
         let sums = correlate_gradient(&rows, &field(&rows, s, phase), gradient, s.outputs, &layout);
-        for (kernel, sums) in out.chunks_exact_mut(9).zip(sums.chunks_exact(4)) {
-            for (tap, sum) in sums.iter().enumerate() {
-                taps_of(phase, tap).for_each(|k| kernel[k] += sum);
+        out.par_chunks_mut(9 * s.inputs).zip(sums.par_chunks(4 * s.inputs)).for_each(|(kernels, sums)| {
+            for (kernel, sums) in kernels.chunks_exact_mut(9).zip(sums.chunks_exact(4)) {
+                for (tap, sum) in sums.iter().enumerate() {
+                    taps_of(phase, tap).for_each(|k| kernel[k] += sum);
+                }
             }
-        }
+        });
     }
     out
 }
@@ -106,25 +126,35 @@ fn phase_rows(gradient: &[f32], s: &Sizes) -> Bordered {
     })
 }
 
-/// Sizes of the convolution of the enlarged image.
-fn enlarged_sizes(s: &Sizes) -> Sizes {
-    Sizes { h: 2 * s.h, w: 2 * s.w, geometry: Conv3x3 { enlarge: false, ..s.geometry }, ..*s }
+/// The convolution of the small image whose taps the phases share.
+fn small_sizes(s: &Sizes) -> Sizes {
+    Sizes { geometry: Conv3x3 { enlarge: false, ..s.geometry }, ..*s }
 }
 
-/// Every pixel as a block of 2×2.
-fn enlarged(x: &[f32], s: &Sizes) -> Vec<f32> {
-    let wide = x.chunks_exact(s.w).flat_map(|row| {
-        let doubled = move || row.iter().flat_map(|&v| [v, v]);
-        doubled().chain(doubled())
-    });
-    wide.collect()
+/// The place of a small pixel's phase in an enlarged plane.
+fn enlarged_pixel(phase: usize, i: usize, s: &Sizes) -> usize {
+    (2 * (i / s.w) + phase / 2) * 2 * s.w + 2 * (i % s.w) + phase % 2
 }
 
-/// The sum of every block of 2×2.
-fn reduced(x: &[f32], s: &Sizes) -> Vec<f32> {
-    let sums = x.chunks_exact(4 * s.w).flat_map(|rows| {
-        let (upper, lower) = rows.split_at(2 * s.w);
-        upper.chunks_exact(2).zip(lower.chunks_exact(2)).map(|(a, b)| (a[0] + a[1]) + (b[0] + b[1]))
-    });
-    sums.collect()
+/// `[N, phase, O, H · W]` → `[N, O, 2H, 2W]`
+fn interleaved(phases: &[f32], s: &Sizes) -> Vec<f32> {
+    let area = s.h * s.w;
+    let mut out = zeros(phases.len());
+    for (i, plane) in phases.chunks_exact(area).enumerate() {
+        let (n, phase, o) = (i / s.outputs / PHASES, i / s.outputs % PHASES, i % s.outputs);
+        let to = &mut out[(n * s.outputs + o) * PHASES * area..][..PHASES * area];
+        plane.iter().enumerate().for_each(|(i, v)| to[enlarged_pixel(phase, i, s)] = *v);
+    }
+    out
+}
+
+/// `[N, O, 2H, 2W]` → `[N, O, phase, H · W]`
+fn split(planes: &[f32], s: &Sizes) -> Vec<f32> {
+    let area = s.h * s.w;
+    let mut out = zeros(planes.len());
+    for (i, to) in out.chunks_exact_mut(area).enumerate() {
+        let (plane, phase) = (&planes[i / PHASES * PHASES * area..], i % PHASES);
+        to.iter_mut().enumerate().for_each(|(i, to)| *to = plane[enlarged_pixel(phase, i, s)]);
+    }
+    out
 }

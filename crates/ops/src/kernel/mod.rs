@@ -6,14 +6,17 @@
 
 mod autodiff;
 pub mod conv;
+mod correlate;
 pub mod correlation;
 mod enlarging;
 pub mod peak;
 pub mod pointwise;
+mod rows;
 pub mod sampling;
 mod tile;
 mod transposed;
 pub mod vectorise;
+mod weight_gradient;
 
 use burn::backend::{Backend, Flex, backend_extension, tensor::FloatTensor};
 use burn::tensor::{Bytes, DType, Device, Shape, Tensor};

@@ -132,21 +132,30 @@ impl Instructions {
         }
     }
 
-    /// `sums[k][o] += Σ_p gradient[p][o] · source[starts[k] + p]` for [`Self::taps`] taps.
+    /// `sums[k][o] += Σ_{l, p} gradient[l · length + p][o] · source[offsets[k] + lines[l] + p]` for [`Self::taps`] taps.
     #[inline]
-    pub fn outer(self, source: &[f32], starts: &[usize], gradient: &[Outputs], sums: &mut [Outputs]) {
-        assert!(starts.len() == self.taps() && sums.len() == self.taps());
-        assert!(starts.iter().all(|start| start + gradient.len() <= source.len()));
+    pub fn outer(
+        self,
+        source: &[f32],
+        offsets: &[usize],
+        lines: &[usize],
+        length: usize,
+        gradient: &[Outputs],
+        sums: &mut [Outputs],
+    ) {
+        let most = |starts: &[usize]| starts.iter().copied().max().unwrap_or(0);
+        assert!(offsets.len() == self.taps() && sums.len() == self.taps() && gradient.len() == lines.len() * length);
+        assert!(most(offsets) + most(lines) + length <= source.len());
         // SAFETY: a variant is only made after its features were found; lengths were checked above.
         unsafe {
             match self {
                 #[cfg(target_arch = "x86_64")]
-                Self::Avx512 => avx512::outer(source, starts, gradient, sums),
+                Self::Avx512 => avx512::outer(source, offsets, lines, length, gradient, sums),
                 #[cfg(target_arch = "x86_64")]
-                Self::Avx2 => avx2::outer(source, starts, gradient, sums),
+                Self::Avx2 => avx2::outer(source, offsets, lines, length, gradient, sums),
                 #[cfg(target_arch = "aarch64")]
-                Self::Neon => neon::outer(source, starts, gradient, sums),
-                Self::Portable => portable_outer(source, starts, gradient, sums),
+                Self::Neon => neon::outer(source, offsets, lines, length, gradient, sums),
+                Self::Portable => portable_outer(source, offsets, lines, length, gradient, sums),
             }
         }
     }
@@ -181,11 +190,20 @@ fn portable_correlate(outputs: usize, source: &[f32], base: usize, offsets: &Off
     }
 }
 
-fn portable_outer(source: &[f32], starts: &[usize], gradient: &[Outputs], sums: &mut [Outputs]) {
-    for (sums, &start) in sums.iter_mut().zip(starts) {
+fn portable_outer(
+    source: &[f32],
+    offsets: &[usize],
+    lines: &[usize],
+    length: usize,
+    gradient: &[Outputs],
+    sums: &mut [Outputs],
+) {
+    for (sums, &offset) in sums.iter_mut().zip(offsets) {
         let mut acc = [0.0; TILE];
-        for (gradient, x) in gradient.iter().zip(&source[start..]) {
-            acc.iter_mut().zip(gradient).for_each(|(acc, g)| *acc += g * x);
+        for (&line, gradient) in lines.iter().zip(gradient.chunks_exact(length)) {
+            for (gradient, x) in gradient.iter().zip(&source[offset + line..]) {
+                acc.iter_mut().zip(gradient).for_each(|(acc, g)| *acc += g * x);
+            }
         }
         sums.iter_mut().zip(acc).for_each(|(sum, acc)| *sum += acc);
     }
@@ -275,26 +293,35 @@ macro_rules! vector_loops {
             }
 
             /// # Safety
-            /// Needs the module's features, [`TAPS`] starts and sums, and `start + gradient.len() <= source.len()` for every
-            /// start.
+            /// Needs the module's features, [`TAPS`] offsets and sums, `length` pixels of the gradient per line, and
+            /// `offset + line + length <= source.len()` for all of them.
             #[target_feature(enable = $features)]
-            pub unsafe fn outer(source: &[f32], starts: &[usize], gradient: &[Outputs], sums: &mut [Outputs]) {
+            pub unsafe fn outer(
+                source: &[f32],
+                offsets: &[usize],
+                lines: &[usize],
+                length: usize,
+                gradient: &[Outputs],
+                sums: &mut [Outputs],
+            ) {
                 // SAFETY: the caller's promise covers every load and store.
                 unsafe {
-                    let mut x = [source.as_ptr(); TAPS];
                     let mut acc: [[$vector; VECTORS]; TAPS] = [[$zero; VECTORS]; TAPS];
-                    for (x, start) in x.iter_mut().zip(starts) {
-                        *x = x.add(*start);
-                    }
-                    for (p, gradient) in gradient.iter().enumerate() {
-                        let mut g = [$zero; VECTORS];
-                        for (i, g) in g.iter_mut().enumerate() {
-                            *g = $load(gradient.as_ptr().add(i * LANES));
+                    for (&line, gradient) in lines.iter().zip(gradient.chunks_exact(length)) {
+                        let mut x = [source.as_ptr(); TAPS];
+                        for (x, offset) in x.iter_mut().zip(offsets) {
+                            *x = x.add(line + offset);
                         }
-                        for (x, acc) in x.iter().zip(&mut acc) {
-                            let $a = $splat(*x.add(p));
-                            for ($sum, &$b) in acc.iter_mut().zip(&g) {
-                                *$sum = $multiply_add;
+                        for (p, gradient) in gradient.iter().enumerate() {
+                            let mut g = [$zero; VECTORS];
+                            for (i, g) in g.iter_mut().enumerate() {
+                                *g = $load(gradient.as_ptr().add(i * LANES));
+                            }
+                            for (x, acc) in x.iter().zip(&mut acc) {
+                                let $a = $splat(*x.add(p));
+                                for ($sum, &$b) in acc.iter_mut().zip(&g) {
+                                    *$sum = $multiply_add;
+                                }
                             }
                         }
                     }
@@ -377,12 +404,14 @@ mod tests {
                     assert!((found[r][p] - expected).abs() < 1e-5, "{route:?}, {outputs} outputs");
                 }
             }
-            let starts: Vec<usize> = (0..route.taps()).map(|k| 17 * k).collect();
+            let starts: Vec<usize> = (0..route.taps()).map(|k| 15 * k).collect();
+            let lines = [3, 0, 40];
             let gradient: Vec<Outputs> = (0..21).map(|p| std::array::from_fn(|o| ((7 * p + o) as f32).cos())).collect();
             let mut sums = vec![[0.5; TILE]; route.taps()];
-            route.outer(&source, &starts, &gradient, &mut sums);
+            route.outer(&source, &starts, &lines, 7, &gradient, &mut sums);
             for (k, o) in (0..route.taps() * TILE).map(|i| (i / TILE, i % TILE)) {
-                let expected = 0.5 + (0..21).map(|p| gradient[p][o] * source[starts[k] + p]).sum::<f32>();
+                let term = |p: usize| gradient[p][o] * source[starts[k] + lines[p / 7] + p % 7];
+                let expected = 0.5 + (0..21).map(term).sum::<f32>();
                 assert!((sums[k][o] - expected).abs() < 1e-5, "{route:?}, tap {k}");
             }
         }

@@ -5,11 +5,16 @@
 
 use rayon::prelude::*;
 
-use super::conv::{Field, Part, Rows, Sizes, Target, correlate, zeros};
+use super::conv::Sizes;
+use super::correlate::{Part, Target, correlate};
+use super::rows::{Field, Rows, zeros};
 use super::tile::{Offsets, TILE};
 use crate::conv::{Conv3x3, Padding};
 
-/// One weight's place: the plane of the gradient that it multiplies, and its row and column in the 3×3 kernel.
+/// Most taps of an output: four phases of 2×2 when it enlarges.
+const MOST_TAPS: usize = 16;
+
+/// One weight's place: which of its output's planes in the gradient it multiplies, and its row and column in the 3×3 kernel.
 pub struct Tap {
     pub plane: usize,
     pub row: usize,
@@ -76,42 +81,40 @@ struct Line {
     index: isize,
 }
 
-/// The part of a correlation over some taps, each given with where it reads.
-fn part(
-    taps: &[(usize, usize)],
-    [height, width]: [usize; 2],
-    start: usize,
-    s: &Sizes,
-    weight: impl Fn(usize, usize) -> f32 + Sync,
-) -> Part {
-    let field = Field { offsets: Offsets::new(taps.iter().map(|tap| tap.1)), height, width };
-    Part::new(field, start, s.inputs, |channel, i| weight(channel, taps[i].0))
-}
-
 /// `distance / stride` where that is whole.
 fn steps(distance: usize, back: usize, stride: usize) -> Option<isize> {
     let (distance, stride) = (distance as isize - back as isize, stride as isize);
     (distance % stride == 0).then_some(distance / stride)
 }
 
-/// `[N, I, H, W]` from a gradient; `weight(input, tap)` is the weight of a tap for an input channel.
+/// `[N, I, H, W]` from a gradient with the same taps for every output; `weights(input, output, taps)` fills theirs.
 pub fn input_gradient(
     gradient: &Bordered,
     taps: &[Tap],
-    weight: impl Fn(usize, usize) -> f32 + Sync + Copy,
+    weights: impl Fn(usize, usize, &mut [f32]) + Sync,
     s: &Sizes,
 ) -> Vec<f32> {
     let Conv3x3 { stride, dilation, padding, .. } = s.geometry;
-    let select = |place: &dyn Fn(&Tap) -> Option<usize>| -> Vec<(usize, usize)> {
-        taps.iter().enumerate().filter_map(|(i, tap)| Some((i, place(tap)?))).collect()
+    let planes = gradient.planes / s.outputs;
+    // The part of a correlation over those taps that `place(tap, output)` finds a start for; it is the same for all outputs.
+    let part = |[height, width]: [usize; 2], start: usize, place: &dyn Fn(&Tap, usize) -> Option<usize>| {
+        let chosen: Vec<usize> = (0..taps.len()).filter(|&i| place(&taps[i], 0).is_some()).collect();
+        let offsets = (0..s.outputs).flat_map(|o| chosen.iter().filter_map(move |&i| place(&taps[i], o)));
+        let field = Field { offsets: Offsets::new(offsets), height, width };
+        Part::new(field, start, s.inputs, chosen.len(), |channel, o, to| {
+            let mut all = [0.0; MOST_TAPS];
+            weights(channel, o, &mut all[..taps.len()]);
+            to.iter_mut().zip(&chosen).for_each(|(to, &i)| *to = all[i]);
+        })
     };
     let mut out = zeros(s.n * s.inputs * s.h * s.w);
     // Pixel stride·i + phase takes from output i + (phase + dilation − k·dilation) / stride.
     let phases = |length: usize| 0..stride.min(length);
     let inner = |phase: usize, k: usize| steps(phase + dilation, k * dilation, stride);
     let parts = phases(s.h).flat_map(|py| phases(s.w).map(move |px| (py, px))).map(|(py, px)| {
-        let taps = select(&|tap| Some(gradient.at(tap.plane, inner(py, tap.row)?, inner(px, tap.column)?)));
-        part(&taps, [(s.h - py).div_ceil(stride), (s.w - px).div_ceil(stride)], py * s.w + px, s, weight)
+        part([(s.h - py).div_ceil(stride), (s.w - px).div_ceil(stride)], py * s.w + px, &|tap, o| {
+            Some(gradient.at(o * planes + tap.plane, inner(py, tap.row)?, inner(px, tap.column)?))
+        })
     });
     let area = s.h * s.w;
     let target = Target { image: s.inputs * area, channel: area, row: stride * s.w, column: stride };
@@ -131,11 +134,10 @@ pub fn input_gradient(
     let padded = s.w + 2 * dilation;
     for (p, lines) in border(s.h).filter_map(|p| Some((p, lines(p, gradient.height)?))) {
         let parts = phases(padded).map(|phase| {
-            let taps = select(&|tap| {
+            part([1, (padded - phase).div_ceil(stride)], phase, &|tap, o| {
                 let line = lines.iter().find(|line| line.tap == tap.row)?;
-                Some(gradient.at(tap.plane, line.index, steps(phase, tap.column * dilation, stride)?))
-            });
-            part(&taps, [1, (padded - phase).div_ceil(stride)], phase, s, weight)
+                Some(gradient.at(o * planes + tap.plane, line.index, steps(phase, tap.column * dilation, stride)?))
+            })
         });
         let sums = along(gradient, &parts.collect::<Vec<_>>(), padded, stride, s);
         add(&mut out, &sums, padded, s, |i| repeated(p, s.h) * s.w + repeated(i, s.w));
@@ -143,11 +145,10 @@ pub fn input_gradient(
     for (p, lines) in border(s.w).filter_map(|p| Some((p, lines(p, gradient.width)?))) {
         let strip = gradient.columns(&lines, s.geometry);
         let parts = phases(s.h).map(|phase| {
-            let taps = select(&|tap| {
+            part([1, (s.h - phase).div_ceil(stride)], phase, &|tap, o| {
                 let line = lines.iter().position(|line| line.tap == tap.column)?;
-                Some(strip.at(tap.plane * lines.len() + line, 0, inner(phase, tap.row)?))
-            });
-            part(&taps, [1, (s.h - phase).div_ceil(stride)], phase, s, weight)
+                Some(strip.at((o * planes + tap.plane) * lines.len() + line, 0, inner(phase, tap.row)?))
+            })
         });
         let sums = along(&strip, &parts.collect::<Vec<_>>(), s.h, stride, s);
         add(&mut out, &sums, s.h, s, |i| i * s.w + repeated(p, s.w));
