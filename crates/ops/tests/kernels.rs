@@ -74,6 +74,22 @@ fn enlarging_convolution_equals_its_reference() {
 }
 
 #[test]
+fn convolutions_large_enough_for_fewer_multiplications_equal_their_reference() {
+    for padding in [Padding::Edge, Padding::Zero] {
+        for (geometry, n, i, o, h, w) in [
+            (Conv3x3::same(padding), 1, 23, 24, 50, 67),
+            (Conv3x3::same(padding), 2, 30, 19, 61, 34),
+            (Conv3x3::enlarging(padding), 1, 14, 10, 49, 66),
+        ] {
+            let inputs = [wave([n, i, h, w], 0.0), wave([o, i, 3, 3], 1.0)];
+            let fast = value_and_gradients(&inputs, |t| ops::conv::conv3x3(t[0].clone(), t[1].clone(), geometry));
+            let plain = value_and_gradients(&inputs, |t| ops::conv::reference(t[0].clone(), t[1].clone(), geometry));
+            assert_equal(&format!("{geometry:?} on {n}×{i}→{o}×{h}×{w}"), &fast, &plain);
+        }
+    }
+}
+
+#[test]
 fn convolution_takes_a_permuted_input() {
     let geometry = Conv3x3::same(Padding::Edge);
     let inputs = [wave([2, 20, 18, 3], 0.0), wave([4, 3, 3, 3], 1.0)];

@@ -10,6 +10,7 @@ use super::rows::{column_field, column_rows, padded_field, padded_rows, reverse_
 use super::tile::TILE;
 use super::transposed::{Bordered, Tap, input_gradient};
 use super::weight_gradient::correlate_gradient;
+use super::winograd::{self, Extent};
 use crate::conv::{Conv3x3, Padding};
 
 /// Sizes of one convolution.
@@ -86,6 +87,12 @@ pub fn forward(x: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
         correlate(&rows, s.outputs, &[part], &mut out, &Target::columns(pixels));
         return swap_axes(&out, s.outputs, s.n, area);
     }
+    let kernel = |o: usize, c: usize| s.kernel(w, o, c).try_into().expect("a kernel has nine weights");
+    if winograd::pays(s, s.inputs, s.outputs) {
+        let part = winograd::Part { start: 0, extents: [Extent::Whole; 2], kernel };
+        winograd::correlate(x, s, |_| [Extent::Whole; 2], &[part], &mut out, &s.output_target());
+        return out;
+    }
     let rows = padded_rows(x, s);
     let part = Part::new(padded_field(&rows, s), 0, s.outputs, 9, weights);
     correlate(&rows, s.outputs, &[part], &mut out, &s.output_target());
@@ -102,12 +109,20 @@ pub fn backward_input(gradient: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
         let taps: Vec<(usize, usize)> = (0..9).map(|k| (0, k)).collect();
         return input_gradient_narrow(gradient, 1, &taps, weights, s);
     }
+    let image = winograd::pays(s, s.outputs, s.inputs).then(|| {
+        let kernel = |o: usize, c: usize| s.kernel(w, o, c).try_into().expect("a kernel has nine weights");
+        winograd::image_gradient(gradient, s, s.outputs, |_| [Extent::Whole; 2], kernel)
+    });
+    let image = match image {
+        Some(image) if s.geometry.padding == Padding::Zero => return image,
+        image => image,
+    };
     let (oh, ow) = (s.oh(), s.ow());
     let bordered = Bordered::new(s.n, s.outputs, [oh, ow], s.geometry, |plane, y, row| {
         row.copy_from_slice(&gradient[(plane * oh + y) * ow..][..ow]);
     });
     let taps: Vec<Tap> = (0..9).map(|k| Tap { plane: 0, row: k / 3, column: k % 3 }).collect();
-    input_gradient(&bordered, &taps, weights, s)
+    input_gradient(&bordered, &taps, weights, s, image)
 }
 
 /// Gradient of the input of a narrow image from `gradient [N, O · planes, oh · ow]`: each output has some taps, given by their

@@ -9,7 +9,7 @@ use super::tile::{Instructions, MOST_OUTPUTS, TILE};
 const TASKS: usize = 16;
 
 /// Output channels split into nearly equal blocks that register tiles hold.
-fn blocks(outputs: usize) -> Vec<(usize, usize)> {
+pub(super) fn blocks(outputs: usize) -> Vec<(usize, usize)> {
     let count = outputs.div_ceil(Instructions::detect().most_outputs());
     (0..count).map(|b| (outputs * b / count, outputs * (b + 1) / count)).collect()
 }
@@ -64,13 +64,16 @@ impl Part {
 
 /// A pointer that tasks may share because each writes pixels of its own.
 #[derive(Clone, Copy)]
-struct Shared(*mut f32);
-// SAFETY: every task writes a disjoint set of output rows (see `correlate`).
+pub(super) struct Shared(*mut f32);
+// SAFETY: every task writes elements of its own (see `correlate` here and in `winograd`).
 unsafe impl Send for Shared {}
 // SAFETY: as above.
 unsafe impl Sync for Shared {}
 impl Shared {
-    fn pointer(self) -> *mut f32 {
+    pub fn new(out: &mut [f32]) -> Self {
+        Self(out.as_mut_ptr())
+    }
+    pub fn pointer(self) -> *mut f32 {
         self.0
     }
 }
@@ -83,7 +86,7 @@ pub(super) fn correlate(rows: &Rows, outputs: usize, parts: &[Part], out: &mut [
         let last = (rows.images - 1) * target.image + (outputs - 1) * target.channel;
         assert!(start + last + (height - 1) * target.row + (width - 1) * target.column < out.len());
     }
-    let shared = Shared(out.as_mut_ptr());
+    let shared = Shared::new(out);
     let most = |size: fn(&Field) -> usize| parts.iter().map(|p| size(&p.field)).max().unwrap_or(0);
     let (height, width) = (most(|f| f.height), most(|f| f.width));
     let segment = if height == 1 { 8 * TILE } else { width };
@@ -118,7 +121,7 @@ pub(super) fn correlate(rows: &Rows, outputs: usize, parts: &[Part], out: &mut [
 /// # Safety
 /// All of them must lie in memory that nobody else reads or writes.
 #[inline(always)]
-unsafe fn store(values: &[f32], to: *mut f32, step: usize) {
+pub(super) unsafe fn store(values: &[f32], to: *mut f32, step: usize) {
     // SAFETY: the caller's promise.
     unsafe {
         if step == 1 {

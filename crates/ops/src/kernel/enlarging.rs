@@ -12,6 +12,7 @@ use super::rows::{Field, Rows, column_field, column_rows, padded_rows, zeros};
 use super::tile::{Offsets, TILE};
 use super::transposed::{Bordered, Tap, input_gradient};
 use super::weight_gradient::correlate_gradient;
+use super::winograd::{self, Extent, Extents};
 use crate::conv::Conv3x3;
 
 /// Positions in a block of 2×2.
@@ -47,6 +48,22 @@ fn merge(kernel: &[f32], phase: usize, taps: &mut [f32]) {
     }
 }
 
+/// The 3×3 kernel with a phase's weights where they read, and zeros elsewhere.
+fn widened(kernel: &[f32], phase: usize) -> [f32; 9] {
+    let (mut taps, mut wide) = ([0.0; 4], [0.0; 9]);
+    merge(kernel, phase, &mut taps);
+    for (tap, weight) in taps.into_iter().enumerate() {
+        let [y, x] = place(phase, tap);
+        wide[3 * y + x] = weight;
+    }
+    wide
+}
+
+/// What a phase's kernel fills of 3×3.
+fn extents(phase: usize) -> Extents {
+    [phase / 2, phase % 2].map(|phase| if phase == 0 { Extent::First } else { Extent::Last })
+}
+
 /// What a phase reads in [`padded_rows`].
 fn field(rows: &Rows, s: &Sizes, phase: usize) -> Field {
     let (plane, row) = (rows.image_step / s.inputs, rows.row_step);
@@ -75,9 +92,19 @@ pub fn forward(x: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
         correlate(&rows, s.outputs, &std::array::from_fn::<_, PHASES, _>(part), &mut out, &Target::columns(pixels));
         return interleaved(&swap_axes(&out, PHASES * s.outputs, s.n, area), s);
     }
-    let rows = padded_rows(x, s);
-    let part = |phase: usize| Part::new(field(&rows, s, phase), phase / 2 * 2 * s.w + phase % 2, s.outputs, 4, weights(phase));
     let target = Target { image: s.outputs * PHASES * area, channel: PHASES * area, row: 4 * s.w, column: 2 };
+    let start = |phase: usize| phase / 2 * 2 * s.w + phase % 2;
+    if winograd::pays(s, s.inputs, PHASES * s.outputs) {
+        let part = |phase: usize| {
+            let kernel = move |o: usize, c: usize| widened(s.kernel(w, o, c), phase);
+            winograd::Part { start: start(phase), extents: extents(phase), kernel }
+        };
+        let parts: [_; PHASES] = std::array::from_fn(part);
+        winograd::correlate(x, &small_sizes(s), |_| [Extent::Whole; 2], &parts, &mut out, &target);
+        return out;
+    }
+    let rows = padded_rows(x, s);
+    let part = |phase: usize| Part::new(field(&rows, s, phase), start(phase), s.outputs, 4, weights(phase));
     correlate(&rows, s.outputs, &std::array::from_fn::<_, PHASES, _>(part), &mut out, &target);
     out
 }
@@ -88,13 +115,18 @@ pub fn backward_input(gradient: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
         taps.chunks_exact_mut(4).enumerate().for_each(|(phase, taps)| merge(s.kernel(w, o, c), phase, taps));
     };
     let taps = (0..PHASES * 4).map(|i| (i / 4, place(i / 4, i % 4)));
+    let image = winograd::pays(s, PHASES * s.outputs, s.inputs).then(|| {
+        let kernel = |plane: usize, c: usize| widened(s.kernel(w, plane / PHASES, c), plane % PHASES);
+        let extents = |plane: usize| extents(plane % PHASES);
+        winograd::image_gradient(&split(gradient, s), s, PHASES * s.outputs, extents, kernel)
+    });
     if s.w < TILE {
         let planes = split(gradient, s);
         let taps: Vec<(usize, usize)> = taps.map(|(plane, [y, x])| (plane, 3 * y + x)).collect();
         return input_gradient_narrow(&planes, PHASES, &taps, weights, &small_sizes(s));
     }
     let taps: Vec<Tap> = taps.map(|(plane, [row, column])| Tap { plane, row, column }).collect();
-    input_gradient(&phase_rows(gradient, s), &taps, weights, s)
+    input_gradient(&phase_rows(gradient, s), &taps, weights, s, image)
 }
 
 /// Gradient of the weights: `x [N, I, H, W]`, `gradient [N, O, 2H, 2W]` → `[O, I, 3, 3]`
@@ -152,9 +184,13 @@ fn interleaved(phases: &[f32], s: &Sizes) -> Vec<f32> {
 fn split(planes: &[f32], s: &Sizes) -> Vec<f32> {
     let area = s.h * s.w;
     let mut out = zeros(planes.len());
-    for (i, to) in out.chunks_exact_mut(area).enumerate() {
-        let (plane, phase) = (&planes[i / PHASES * PHASES * area..], i % PHASES);
-        to.iter_mut().enumerate().for_each(|(i, to)| *to = plane[enlarged_pixel(phase, i, s)]);
-    }
+    out.par_chunks_mut(PHASES * area).zip(planes.par_chunks(PHASES * area)).for_each(|(out, plane)| {
+        for (y, row) in plane.chunks_exact(2 * s.w).enumerate() {
+            for x in 0..2 {
+                let to = &mut out[(y % 2 * 2 + x) * area + y / 2 * s.w..][..s.w];
+                to.iter_mut().zip(row[x..].iter().step_by(2)).for_each(|(to, from)| *to = *from);
+            }
+        }
+    });
     out
 }

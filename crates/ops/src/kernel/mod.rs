@@ -17,6 +17,7 @@ mod tile;
 mod transposed;
 pub mod vectorise;
 mod weight_gradient;
+mod winograd;
 
 use burn::backend::{Backend, Flex, backend_extension, tensor::FloatTensor};
 use burn::tensor::{Bytes, DType, Device, Shape, Tensor};

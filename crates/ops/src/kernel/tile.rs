@@ -160,6 +160,45 @@ impl Instructions {
         }
     }
 
+    /// Transforms each piece of up to sixteen tiles for [`winograd`](super::winograd): 6×6 pixels, at `from + y · row + x % 4 · phase
+    /// + x / 4` of `source`, become 36 frequencies, at `to + frequency · step`.
+    pub fn spread(self, source: &[f32], [from, row, phase]: [usize; 3], out: &mut [f32], [to, step]: [usize; 2]) {
+        assert!(from + 5 * row + 3 * phase + 1 + TILE <= source.len() && to + 35 * step + TILE <= out.len());
+        // SAFETY: a variant is only made after its features were found; loads and stores were checked above.
+        unsafe {
+            let (source, out) = (source.as_ptr().add(from), out.as_mut_ptr().add(to));
+            match self {
+                #[cfg(target_arch = "x86_64")]
+                Self::Avx512 => avx512::spread(source, row, phase, out, step),
+                #[cfg(target_arch = "x86_64")]
+                Self::Avx2 => avx2::spread(source, row, phase, out, step),
+                #[cfg(target_arch = "aarch64")]
+                Self::Neon => neon::spread(source, row, phase, out, step),
+                Self::Portable => portable::spread(source, row, phase, out, step),
+            }
+        }
+    }
+
+    /// Transforms the sums of 36 frequencies, `step` apart, into 4×4 results of sixteen tiles, `[y][x][tile]`.
+    pub fn gather(self, sums: &[f32], step: usize) -> [[Outputs; 4]; 4] {
+        assert!(35 * step + TILE <= sums.len());
+        let mut out = [[[0.0; TILE]; 4]; 4];
+        let (sums, to) = (sums.as_ptr(), out.as_flattened_mut().as_flattened_mut().as_mut_ptr());
+        // SAFETY: a variant is only made after its features were found; loads were checked above, stores fill `out`.
+        unsafe {
+            match self {
+                #[cfg(target_arch = "x86_64")]
+                Self::Avx512 => avx512::gather(sums, step, to),
+                #[cfg(target_arch = "x86_64")]
+                Self::Avx2 => avx2::gather(sums, step, to),
+                #[cfg(target_arch = "aarch64")]
+                Self::Neon => neon::gather(sums, step, to),
+                Self::Portable => portable::gather(sums, step, to),
+            }
+        }
+        out
+    }
+
     /// Runs ten chains of multiply-adds; what they sum up to, and operations per round.
     pub fn multiply_adds(self, factor: f32, rounds: usize) -> (f32, usize) {
         // SAFETY: a variant is only made after its features were found.
@@ -215,6 +254,148 @@ fn portable_multiply_adds(factor: f32, rounds: usize) -> (f32, usize) {
         chains.as_flattened_mut().iter_mut().for_each(|lane| *lane = *lane * factor + 0.5);
     }
     (chains.as_flattened().iter().sum(), 2 * 8 * CHAINS)
+}
+
+/// Winograd's points, beside 0 and infinity, are ±A and ±B. These lose less than a digit, the usual ±1 and ±2 four times as much;
+/// all factors are exact.
+pub const POINTS: [f32; 2] = [0.75, 1.5];
+
+/// Winograd's transforms of F(4×4, 3×3) for one kind of vector (Lavin and Gray 2016, section 4.3, with other points).
+macro_rules! winograd_loops {
+    (
+        [$(#[$features:meta])*], $vector:ident, $zero:expr, $splat:ident, $load:ident, $store:ident,
+        |$sum:ident, $a:ident, $b:ident| $multiply_add:expr
+    ) => {
+        const A: f32 = super::POINTS[0];
+        const B: f32 = super::POINTS[1];
+
+        /// `sum + factor · b`
+        // A number's own operations are safe, a vector's are not.
+        #[allow(unused_unsafe)]
+        #[inline]
+        $(#[$features])*
+        unsafe fn plus(sum: $vector, factor: f32, $b: $vector) -> $vector {
+            // SAFETY: the module's features are there.
+            unsafe {
+                let $a = $splat(factor);
+                let $sum = &mut { sum };
+                $multiply_add
+            }
+        }
+
+        /// Frequencies of six pixels in a row.
+        #[inline]
+        $(#[$features])*
+        unsafe fn spread_row([a, b, c, d, e, f]: [$vector; 6]) -> [$vector; 6] {
+            // SAFETY: the module's features are there.
+            unsafe {
+                let (near_even, near_odd) = (plus(e, -B * B, c), plus(d, -B * B, b));
+                let (far_even, far_odd) = (plus(e, -A * A, c), plus(d, -A * A, b));
+                [
+                    plus(plus(e, -(A * A + B * B), c), A * A * B * B, a),
+                    plus(near_even, A, near_odd),
+                    plus(near_even, -A, near_odd),
+                    plus(far_even, B, far_odd),
+                    plus(far_even, -B, far_odd),
+                    plus(plus(f, -(A * A + B * B), d), A * A * B * B, b),
+                ]
+            }
+        }
+
+        /// Four results in a row from the sums of their frequencies.
+        #[inline]
+        $(#[$features])*
+        unsafe fn gather_row([a, b, c, d, e, f]: [$vector; 6]) -> [$vector; 4] {
+            // SAFETY: the module's features are there.
+            unsafe {
+                let (near, far) = (plus(b, 1.0, c), plus(d, 1.0, e));
+                let (step, leap) = (plus(b, -1.0, c), plus(d, -1.0, e));
+                [
+                    plus(plus(a, 1.0, near), 1.0, far),
+                    plus(plus($zero, A, step), B, leap),
+                    plus(plus($zero, A * A, near), B * B, far),
+                    plus(plus(f, A * A * A, step), B * B * B, leap),
+                ]
+            }
+        }
+
+        /// # Safety
+        /// Needs the module's features, and loads and stores as `Instructions::spread` has them.
+        $(#[$features])*
+        pub unsafe fn spread(source: *const f32, row: usize, phase: usize, to: *mut f32, step: usize) {
+            // SAFETY: the caller's promise.
+            unsafe {
+                for i in (0..TILE).step_by(LANES) {
+                    let mut lines = [[$zero; 6]; 6];
+                    for (y, line) in lines.iter_mut().enumerate() {
+                        for (x, pixel) in line.iter_mut().enumerate() {
+                            *pixel = $load(source.add(y * row + x % 4 * phase + x / 4 + i));
+                        }
+                        *line = spread_row(*line);
+                    }
+                    for u in 0..6 {
+                        let column = [lines[0][u], lines[1][u], lines[2][u], lines[3][u], lines[4][u], lines[5][u]];
+                        for (v, frequency) in spread_row(column).into_iter().enumerate() {
+                            $store(to.add((v * 6 + u) * step + i), frequency);
+                        }
+                    }
+                }
+            }
+        }
+
+        /// # Safety
+        /// Needs the module's features, and loads and stores as `Instructions::gather` has them.
+        $(#[$features])*
+        pub unsafe fn gather(sums: *const f32, step: usize, to: *mut f32) {
+            // SAFETY: the caller's promise.
+            unsafe {
+                for i in (0..TILE).step_by(LANES) {
+                    let mut lines = [[$zero; 6]; 4];
+                    for u in 0..6 {
+                        let mut column = [$zero; 6];
+                        for (v, frequency) in column.iter_mut().enumerate() {
+                            *frequency = $load(sums.add((v * 6 + u) * step + i));
+                        }
+                        for (line, result) in lines.iter_mut().zip(gather_row(column)) {
+                            line[u] = result;
+                        }
+                    }
+                    for (y, line) in lines.into_iter().enumerate() {
+                        for (x, result) in gather_row(line).into_iter().enumerate() {
+                            $store(to.add((y * 4 + x) * TILE + i), result);
+                        }
+                    }
+                }
+            }
+        }
+    };
+}
+
+/// The same for one number at a time.
+mod portable {
+    use super::TILE;
+
+    const LANES: usize = 1;
+
+    winograd_loops!([], f32, 0.0, identity, load, store, |sum, a, b| *sum + a * b);
+
+    fn identity(value: f32) -> f32 {
+        value
+    }
+
+    /// # Safety
+    /// As of `ptr::read`.
+    unsafe fn load(from: *const f32) -> f32 {
+        // SAFETY: the caller's promise.
+        unsafe { from.read() }
+    }
+
+    /// # Safety
+    /// As of `ptr::write`.
+    unsafe fn store(to: *mut f32, value: f32) {
+        // SAFETY: the caller's promise.
+        unsafe { to.write(value) }
+    }
 }
 
 /// The loops for one kind of vector. `$outputs` counts the output channels of a tile up to the most.
@@ -336,6 +517,8 @@ macro_rules! vector_loops {
                     }
                 }
             }
+
+            winograd_loops!([#[target_feature(enable = $features)]], $vector, $zero, $splat, $load, $store, |$sum, $a, $b| $multiply_add);
 
             /// # Safety
             /// Needs the module's features.
