@@ -41,7 +41,7 @@ pub struct ProceduralConfig {
 
 impl Default for ProceduralConfig {
     fn default() -> Self {
-        Self { size: 1024, count: 340, families: Vec::new(), seed: 0, weight: 1.0 }
+        Self { size: 1024, count: 400, families: Vec::new(), seed: 0, weight: 1.0 }
     }
 }
 

@@ -34,8 +34,8 @@ fn the_material_of_a_video_is_a_function_of_seed_side_and_number() {
 #[test]
 fn the_sides_share_nothing_and_more_materials_move_none() {
     let manifest = |count| MaterialLibrary::open(&[procedural(count, &[])], 0, 0).unwrap().manifest();
-    let (few, many) = (manifest(340), manifest(680));
-    let share = few.iter().filter(|m| m.split == Split::Test).count() as f64 / 340.0;
+    let (few, many) = (manifest(400), manifest(800));
+    let share = few.iter().filter(|m| m.split == Split::Test).count() as f64 / 400.0;
     assert!((0.14..0.26).contains(&share), "{share}");
     for entry in &few {
         assert!(many.contains(entry), "{entry:?}");

@@ -59,6 +59,11 @@ impl Draw {
         hsv(from(hue), from(saturation), from(value))
     }
 
+    /// A grey without any colour, its gamma-encoded value drawn from the range.
+    pub fn grey(&mut self, value: [f32; 2]) -> Rgb {
+        self.hsv([0.0; 2], [0.0; 2], value)
+    }
+
     /// The colour with its brightness changed by up to ±`amount` and each channel by a sixth of that.
     pub fn near(&mut self, colour: Rgb, amount: f32) -> Rgb {
         let gain = 1.0 + self.between(-amount, amount);

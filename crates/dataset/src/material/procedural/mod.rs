@@ -19,7 +19,7 @@ pub mod surface;
 pub mod worley;
 
 use draw::Draw;
-use family::{coated_metal, ground, hide, masonry, metal, mineral, textile, tile, wood};
+use family::{coated_metal, ground, hide, masonry, metal, mineral, plastic, roof, sheet, stone, textile, tile, wood};
 
 use super::maps::MaterialMaps;
 
@@ -127,6 +127,18 @@ families! {
     Leaves = "leaves", Rich, ground::leaves;
     /// Grass.
     Grass = "grass", Rich, ground::grass;
+    /// Plain, blackened or anodised sheet metal.
+    SheetMetal = "sheet_metal", Low, sheet::sheet_metal;
+    /// Corrugated sheet, galvanised or painted.
+    CorrugatedSheet = "corrugated_sheet", Rich, sheet::corrugated_sheet;
+    /// Chainmail.
+    Chainmail = "chainmail", Rich, sheet::chainmail;
+    /// Moulded plastic and rubber.
+    Plastic = "plastic", Low, plastic::plastic;
+    /// Granite.
+    Granite = "granite", Rich, stone::granite;
+    /// Pantiles, flat roof tiles and slates.
+    RoofTiles = "roof_tiles", Rich, roof::roof_tiles;
 }
 
 impl Family {

@@ -3,8 +3,12 @@
 use ops::planes::Planes;
 
 use super::colour::{Rgb, mix};
+use super::draw::Draw;
 use super::field::{Field, TILE, lerp};
 use crate::material::maps::MaterialMaps;
+
+/// Roughness of a mirror or of float glass: nothing real is smoother to a camera.
+const SMOOTHEST: f32 = 0.01;
 
 /// What the surface is made of at one texel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,10 +28,10 @@ impl Coat {
         Self { diffuse, roughness, specular: [specular; 3] }
     }
 
-    /// A metal: coloured specular, almost no diffuse.
+    /// A metal: coloured specular, no diffuse at all.
     #[inline]
     pub fn metal(specular: Rgb, roughness: f32) -> Self {
-        Self { diffuse: specular.map(|v| 0.01 * v), roughness, specular }
+        Self { diffuse: [0.0; 3], roughness, specular }
     }
 
     /// This coat with a share `t` of the other over it.
@@ -38,6 +42,38 @@ impl Coat {
             diffuse: mix(self.diffuse, other.diffuse, t),
             roughness: lerp(self.roughness, other.roughness, t),
             specular: mix(self.specular, other.specular, t),
+        }
+    }
+}
+
+/// Rain on a porous surface.
+#[derive(Clone, Copy, Debug)]
+pub struct Water(f32);
+
+impl Water {
+    /// Wet with probability `share`, from damp to soaked; dry otherwise.
+    pub fn draw(draw: &mut Draw, share: f32) -> Self {
+        Self(if draw.chance(share) { draw.between(0.3, 1.0) } else { 0.0 })
+    }
+
+    /// The coat with this water on it; the texel lies `relief` reference texels above its surroundings.
+    ///
+    /// Water in the pores scatters light forwards, so more of it is absorbed: the albedo falls and its colours deepen. The film
+    /// on top is smoother than the substance. What sticks out dries first.
+    ///
+    /// # Source
+    /// Lekner and Dorf, Why some things are darker when wet, Applied Optics 27(7), 1988.
+    #[inline]
+    pub fn over(self, coat: Coat, relief: f32) -> Coat {
+        const FILM: f32 = 0.08;
+        if self.0 == 0.0 {
+            return coat;
+        }
+        let wet = self.0 * (0.8 - 0.15 * relief).clamp(0.3, 1.0);
+        Coat {
+            diffuse: coat.diffuse.map(|v| v * lerp(1.0, 0.35 + 0.65 * v, wet)),
+            roughness: lerp(coat.roughness, FILM + 0.35 * coat.roughness, wet),
+            ..coat
         }
     }
 }
@@ -54,10 +90,12 @@ pub fn paint(height: Field, coat: impl Fn(usize) -> Coat) -> MaterialMaps {
     for texel in 0..area {
         let coat = coat(texel);
         for c in 0..3 {
-            diffuse.data[c * area + texel] = coat.diffuse[c].clamp(0.0, 1.0);
-            specular.data[c * area + texel] = coat.specular[c].clamp(0.0, 1.0);
+            let reflected = coat.specular[c].clamp(0.0, 1.0);
+            // Only light that isn't reflected at the surface can come back from below it.
+            diffuse.data[c * area + texel] = coat.diffuse[c].clamp(0.0, 1.0 - reflected);
+            specular.data[c * area + texel] = reflected;
         }
-        roughness.data[texel] = coat.roughness.clamp(0.02, 1.0);
+        roughness.data[texel] = coat.roughness.clamp(SMOOTHEST, 1.0);
     }
     let normal = normals(&height);
     let height_field = Some(Planes::from_vec(1, size, size, height.data));

@@ -8,7 +8,7 @@ use crate::material::procedural::draw::Draw;
 use crate::material::procedural::field::{Field, TILE, smoothstep};
 use crate::material::procedural::noise::{Fbm, hash, unit};
 use crate::material::procedural::pattern::scatter::{Hit, Stamp, scatter};
-use crate::material::procedural::surface::{Coat, paint};
+use crate::material::procedural::surface::{Coat, Water, paint};
 
 /// Pebbles or crushed stone of several sizes.
 pub fn gravel(draw: &mut Draw) -> MaterialMaps {
@@ -18,6 +18,7 @@ pub fn gravel(draw: &mut Draw) -> MaterialMaps {
     let (wx, wy) = (draw.noise(34.0, 3), draw.noise(34.0, 3));
     let (grit, coarse) = (draw.fbm(Fbm::new(8.0, 2).gain(0.8)), draw.noise(150.0, 5));
     let (angular, share, wobble) = (draw.chance(0.5), draw.between(0.45, 0.8), draw.between(0.06, 0.16));
+    let sunk = draw.between(0.35, 0.8);
     let mut stones: Vec<(u32, f32)> = Vec::with_capacity(size * size);
     let mut texel = 0;
     let height = Field::from_fn(size, |x, y| {
@@ -33,7 +34,7 @@ pub fn gravel(draw: &mut Draw) -> MaterialMaps {
             let reach = (inside / 0.3).clamp(0.0, 1.0);
             let shape = if angular { smoothstep(0.0, 0.55, reach) } else { (1.0 - (1.0 - reach).powi(2)).max(0.0).sqrt() };
             let lean = (unit(cell.id, 2) - 0.5) * cell.offset[0] + (unit(cell.id, 3) - 0.5) * cell.offset[1];
-            let top = 0.75 * width * ((0.16 + 0.12 * unit(cell.id, 4)) * shape + if angular { 0.22 } else { 0.1 } * lean)
+            let top = sunk * width * ((0.16 + 0.12 * unit(cell.id, 4)) * shape + if angular { 0.22 } else { 0.1 } * lean)
                 + 0.5 * grit.data[t];
             if reach > 0.02 && top > best.1 {
                 best = (hash(cell.id, k as u32, 1).max(1), top);
@@ -43,18 +44,19 @@ pub fn gravel(draw: &mut Draw) -> MaterialMaps {
         best.1
     });
     let relief = height.relief(0.18 * largest);
-    let base = draw.hsv([0.02, 0.14], [0.02, 0.25], [0.4, 0.85]);
+    let base = draw.hsv([0.02, 0.14], [0.02, 0.35], [0.3, 0.8]);
     let variety = draw.between(0.3, 0.9);
     let ramp = Ramp((0..6).map(|_| draw.near(base, variety)).collect());
     let soil = scale(draw.near(base, 0.3), 0.4);
-    let (rough, f0, speckle) = (draw.between(0.45, 0.85), draw.between(0.025, 0.05), draw.between(0.1, 0.6));
+    let (rough, f0, speckle) = (draw.between(0.4, 0.85), draw.between(0.025, 0.05), draw.between(0.1, 0.6));
+    let water = Water::draw(draw, 0.3);
     paint(height, |t| {
         let (id, _) = stones[t];
         let cavity = (1.0 + 0.08 * relief.data[t]).clamp(0.3, 1.25);
         let tone = cavity * (1.0 + speckle * grit.data[t] + 0.25 * wx.data[t] + 0.1 * coarse.data[t]);
         let colour = if id == 0 { soil } else { ramp.at(unit(id, 5)) };
         let roughness = if id == 0 { 0.95 } else { rough + 0.3 * (unit(id, 6) - 0.5) };
-        Coat::dielectric(scale(colour, tone.max(0.1)), roughness + 0.1 * grit.data[t], f0)
+        water.over(Coat::dielectric(scale(colour, tone.max(0.1)), roughness + 0.1 * grit.data[t], f0), 0.3 * relief.data[t])
     })
 }
 
@@ -77,7 +79,12 @@ pub fn sand(draw: &mut Draw) -> MaterialMaps {
         .collect();
     let hits =
         scatter(size, 0.0, &pebbles, |a, b, id| Some((1.0 - a * a - b * b).max(0.0).sqrt() * (3.0 + 4.0 * unit(id, 1)) - 1.0));
-    let (bumps, grain_height) = (draw.between(1.0, 4.5), draw.between(0.4, 1.1));
+    // Fine and level, or coarse and freshly dug.
+    let (bumps, grain_height) = if draw.chance(0.65) {
+        (draw.between(0.6, 3.5), draw.between(0.15, 0.9))
+    } else {
+        (draw.between(3.0, 9.0), draw.between(1.2, 2.6))
+    };
     let mut texel = 0;
     let height = Field::from_fn(size, |x, y| {
         let t = texel;
@@ -91,11 +98,11 @@ pub fn sand(draw: &mut Draw) -> MaterialMaps {
             + hits[t].height.max(0.0)
     });
     let relief = height.relief(10.0);
-    let base = draw.hsv([0.05, 0.13], [0.12, 0.5], [0.35, 0.9]);
+    let base = draw.hsv([0.05, 0.13], [0.12, 0.6], [0.28, 0.8]);
     let dark = scale(draw.near(base, 0.2), draw.between(0.25, 0.6));
     let stone = draw.hsv([0.03, 0.14], [0.02, 0.3], [0.25, 0.75]);
     let (speckle, damp) = (draw.between(0.4, 1.0), draw.between(0.0, 0.5));
-    let (rough, f0) = (draw.between(0.65, 0.95), draw.between(0.02, 0.04));
+    let (rough, f0) = (draw.between(0.5, 0.95), draw.between(0.02, 0.04));
     paint(height, |t| {
         let wet = damp * smoothstep(0.0, 0.7, dunes.data[t]);
         let tone = 0.6 + speckle * grains.data[t] + 0.08 * relief.data[t] + 0.5 * coarse.data[t];
@@ -119,15 +126,19 @@ pub fn leaves(draw: &mut Draw) -> MaterialMaps {
             Stamp::random(draw, [half, width], 9.0 * k as f32 / count as f32)
         })
         .collect();
+    // Fresh and flat to dry and curled up.
+    let crisp = draw.scale_between(0.5, 3.0);
     let lobes = draw.pick(&[0.0, 0.0, 3.0, 5.0]);
     let outline = move |a: f32, b: f32, id: u32| -> Option<f32> {
         let taper = (1.0 - a * a).max(0.0) * (1.0 - 0.25 * a);
         let lobe = if lobes > 0.0 { 0.82 + 0.18 * (TAU * 0.5 * lobes * (a + 0.15)).cos() } else { 1.0 };
         let side = b.abs() / (taper * lobe).max(1e-3);
-        let curl = (unit(id, 3) - 0.3) * 9.0;
+        let curl = (unit(id, 3) - 0.3) * 9.0 * crisp;
         let rib = 0.9 * smoothstep(0.1, 0.0, b.abs());
         (side < 1.0).then(|| {
-            curl * (b * b + 0.4 * a * a) + rib * (1.0 - a.abs()) + (unit(id, 4) - 0.5) * 5.0 * a + (unit(id, 5) - 0.5) * 4.0 * b
+            curl * (b * b + 0.4 * a * a)
+                + rib * (1.0 - a.abs())
+                + crisp * ((unit(id, 4) - 0.5) * 5.0 * a + (unit(id, 5) - 0.5) * 4.0 * b)
         })
     };
     let hits = scatter(size, -4.0, &stamps, outline);
@@ -135,9 +146,10 @@ pub fn leaves(draw: &mut Draw) -> MaterialMaps {
     let height = Field { size, data: hits.iter().zip(&grit.data).map(|(h, g)| h.height + 0.7 * g).collect() }.blur(1.0);
     let relief = height.relief(8.0);
     let hue = draw.pick(&[[0.04, 0.12], [0.02, 0.1], [0.07, 0.16], [0.15, 0.27]]);
-    let tints: Vec<Rgb> = (0..7).map(|_| draw.hsv(hue, [0.15, 0.75], [0.2, 0.75])).collect();
+    let tints: Vec<Rgb> = (0..7).map(|_| draw.hsv(hue, [0.15, 0.8], [0.15, 0.65])).collect();
     let soil = draw.hsv([0.05, 0.1], [0.2, 0.5], [0.1, 0.25]);
-    let (rough, f0) = (draw.between(0.5, 0.85), draw.between(0.03, 0.05));
+    let (rough, f0) = (draw.between(0.4, 0.8), draw.between(0.03, 0.05));
+    let water = Water::draw(draw, 0.35);
     paint(height, |t| {
         let Hit { id, at: [a, b], .. } = hits[t];
         let shade = (1.0 + 0.13 * relief.data[t]).clamp(0.25, 1.3);
@@ -150,7 +162,8 @@ pub fn leaves(draw: &mut Draw) -> MaterialMaps {
         let spots = smoothstep(0.25, 0.6, coarse.data[t] + 0.4 * grit.data[t]);
         let tone = shade * (0.75 + 0.5 * unit(id, 2) + 0.3 * grit.data[t]) * (1.0 - 0.5 * spots);
         let colour = mix(tint, mix(tint, [0.6, 0.5, 0.35], 0.5), veins);
-        Coat::dielectric(scale(colour, tone), rough + 0.15 * (unit(id, 6) - 0.5) + 0.1 * grit.data[t], f0)
+        let leaf = Coat::dielectric(scale(colour, tone), rough + 0.15 * (unit(id, 6) - 0.5) + 0.1 * grit.data[t], f0);
+        water.over(leaf, 0.3 * relief.data[t])
     })
 }
 
@@ -185,15 +198,17 @@ pub fn grass(draw: &mut Draw) -> MaterialMaps {
             .map(|(h, g)| if h.id == 0 { h.height + 2.0 * g } else { h.height + 0.3 * g })
             .collect(),
     };
-    let height = height.blur(1.2).map(|h| 0.6 * h);
+    // Grown upright or trodden down.
+    let upright = draw.between(0.12, 0.5);
+    let height = height.blur(1.2).map(|h| upright * h);
     let relief = height.relief(9.0);
-    let green = draw.hsv([0.19, 0.29], [0.35, 0.65], [0.25, 0.5]);
+    let green = draw.hsv([0.19, 0.29], [0.35, 0.75], [0.2, 0.5]);
     let dry = draw.hsv([0.1, 0.17], [0.25, 0.5], [0.4, 0.7]);
     let (withered, soil) = (draw.between(0.03, 0.5), draw.hsv([0.05, 0.1], [0.2, 0.5], [0.15, 0.35]));
-    let (rough, f0) = (draw.between(0.5, 0.75), draw.between(0.03, 0.05));
+    let (rough, f0) = (draw.between(0.4, 0.75), draw.between(0.03, 0.05));
     paint(height, |t| {
         let Hit { id, at: [a, _], .. } = hits[t];
-        let shade = (0.95 + 0.2 * relief.data[t]).clamp(0.2, 1.35);
+        let shade = (0.95 + 0.12 / upright * relief.data[t]).clamp(0.2, 1.35);
         if id == 0 {
             return Coat::dielectric(scale(soil, shade * (1.0 + 0.8 * grit.data[t])), 0.95, 0.02);
         }

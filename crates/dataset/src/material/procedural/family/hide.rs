@@ -35,14 +35,14 @@ pub fn leather(draw: &mut Draw) -> MaterialMaps {
             + 1.5 * cloud.data[t]
     });
     let dye = if draw.chance(0.65) {
-        draw.hsv([0.02, 0.1], [0.25, 0.75], [0.25, 0.8])
+        draw.hsv([0.02, 0.1], [0.3, 0.85], [0.15, 0.6])
     } else {
-        draw.hsv([0.0, 1.0], [0.0, 0.6], [0.1, 0.92])
+        draw.hsv([0.0, 1.0], [0.0, 0.6], [0.06, 0.9])
     };
     let (deep, rubbed) =
         (scale(draw.near(dye, 0.2), 0.55), mix(draw.near(dye, 0.15), [0.75, 0.66, 0.55], draw.between(0.0, 0.3)));
     let (wear, mottle) = (draw.between(0.1, 0.7), draw.between(0.1, 0.35));
-    let (rough, f0) = (draw.between(0.28, 0.6), draw.between(0.035, 0.055));
+    let (rough, f0) = (draw.between(0.2, 0.55), draw.between(0.035, 0.055));
     paint(height, |t| {
         let (id, top) = cells[t];
         let fold = smoothstep(0.75, 1.0, creases.data[t]);
@@ -58,13 +58,14 @@ pub fn leather(draw: &mut Draw) -> MaterialMaps {
 pub fn paper(draw: &mut Draw) -> MaterialMaps {
     let size = draw.size;
     let colour = match draw.whole(0, 2) {
-        0 => draw.hsv([0.07, 0.14], [0.0, 0.12], [0.85, 0.97]),
-        1 => draw.hsv([0.07, 0.1], [0.3, 0.55], [0.55, 0.8]),
-        _ => draw.hsv([0.0, 1.0], [0.1, 0.55], [0.4, 0.95]),
+        0 if draw.chance(0.3) => draw.grey([0.9, 0.99]),
+        0 => draw.hsv([0.07, 0.14], [0.0, 0.08], [0.88, 0.99]),
+        1 => draw.hsv([0.07, 0.1], [0.3, 0.6], [0.45, 0.75]),
+        _ => draw.hsv([0.0, 1.0], [0.1, 0.8], [0.15, 0.9]),
     };
     let (tooth, cloud) = (draw.fbm(Fbm::new(9.0, 3).gain(0.7)), draw.noise(50.0, 5));
-    let crumpled = if draw.chance(0.5) { draw.between(2.0, 9.0) } else { 0.0 };
-    let facet = draw.between(70.0, 170.0);
+    let crumpled = if draw.chance(0.35) { draw.between(2.0, 8.0) } else { 0.0 };
+    let (facet, toothed) = (draw.between(70.0, 170.0), draw.scale_between(0.1, 2.0));
     let facets = draw.worley(facet);
     let (wx, wy) = (draw.noise(90.0, 4), draw.noise(90.0, 4));
     let mut texel = 0;
@@ -74,14 +75,14 @@ pub fn paper(draw: &mut Draw) -> MaterialMaps {
         let facet = facets.at(x + 14.0 * wx.data[t], y + 14.0 * wy.data[t]);
         // A fold is a ridge where two tilted facets meet: the height is continuous, its slope is not.
         let fold = if crumpled > 0.0 { (unit(facet.id, 1) - 0.5) * facet.border } else { 0.0 };
-        4.0 * crumpled * fold + 0.35 * tooth.data[t] + 0.4 * cloud.data[t]
+        4.0 * crumpled * fold + toothed * (0.35 * tooth.data[t] + 0.4 * cloud.data[t])
     });
     let fibres = fibres(draw);
-    let (mottle, fibre_tone) = (draw.between(0.01, 0.06), draw.between(-0.25, 0.08));
-    let (rough, f0) = (draw.between(0.5, 0.92), draw.between(0.03, 0.045));
+    let (mottle, fibre_tone) = (draw.scale_between(0.004, 0.06), draw.between(-0.2, 0.05));
+    let (rough, uneven, f0) = (draw.between(0.35, 0.9), draw.between(0.05, 1.0), draw.between(0.03, 0.045));
     paint(height, |t| {
         let tone = 1.0 + mottle * (cloud.data[t] + tooth.data[t]) + fibre_tone * fibres.data[t];
-        Coat::dielectric(scale(colour, tone), rough + 0.05 * tooth.data[t] + 0.04 * cloud.data[t], f0)
+        Coat::dielectric(scale(colour, tone), rough + uneven * (0.05 * tooth.data[t] + 0.04 * cloud.data[t]), f0)
     })
 }
 

@@ -6,7 +6,7 @@ use crate::material::procedural::draw::Draw;
 use crate::material::procedural::field::{Field, lerp, smoothstep};
 use crate::material::procedural::noise::{Fbm, unit};
 use crate::material::procedural::pattern::courses::{Courses, Herringbone, Slab};
-use crate::material::procedural::surface::{Coat, paint};
+use crate::material::procedural::surface::{Coat, Water, paint};
 use crate::material::procedural::worley::Worley;
 
 /// Fired-clay or concrete bricks in mortar: running, third, stack or Flemish bond.
@@ -26,7 +26,7 @@ pub fn bricks(draw: &mut Draw) -> MaterialMaps {
         wobble: draw.between(1.0, 4.0),
         chips: draw.between(0.0, 7.0),
         tilt: draw.between(0.3, 1.5),
-        rise: draw.between(3.0, 8.0),
+        rise: draw.between(2.0, 7.0),
     };
     let clay = brick_clay(draw);
     let joint = draw.pick(&[srgb(168, 160, 148), srgb(128, 122, 114), srgb(200, 192, 178), srgb(92, 88, 84)]);
@@ -84,6 +84,7 @@ impl Blocks {
         let (wx, wy) = (draw.noise(70.0, 4), draw.noise(70.0, 4));
         let (coarse, grit) = (draw.noise(90.0, 5), draw.fbm(Fbm::new(14.0, 3).gain(0.75)));
         let pits = draw.fbm(Fbm::new(10.0, 2)).upper_share(draw.between(0.03, 0.12), 0.08);
+        let rugged = draw.between(0.25, 1.0);
         let (radius, bevel) = (draw.between(2.0, 7.0), draw.between(3.0, 7.0));
         let (mut ids, mut faces) = (Vec::with_capacity(size * size), Vec::with_capacity(size * size));
         let mut texel = 0;
@@ -92,8 +93,8 @@ impl Blocks {
             let broken = self.chips * (coarse.data[texel] * 1.5 + grit.data[texel] * 0.6 - 0.35).max(0.0);
             let face = smoothstep(0.0, bevel, s.inside(radius) - 0.5 * self.gap - broken);
             let lean = (unit(s.id, 1) - 0.5) * s.at[0] / s.half[0] + (unit(s.id, 2) - 0.5) * s.at[1] / s.half[1];
-            let top = self.rise + self.tilt * (unit(s.id, 3) + lean) + 0.9 * grit.data[texel] + 1.2 * coarse.data[texel]
-                - 2.0 * pits.data[texel];
+            let top = self.rise + self.tilt * (unit(s.id, 3) + lean) + rugged * grit.data[texel] + 1.2 * coarse.data[texel]
+                - 2.0 * rugged * pits.data[texel];
             let bed = 1.2 * coarse.data[texel] + 1.6 * grit.data[texel];
             ids.push(s.id);
             faces.push(face);
@@ -101,7 +102,8 @@ impl Blocks {
             lerp(bed, top, face)
         });
         let relief = height.relief(10.0);
-        let (soot, rough, pitted) = (draw.between(0.0, 0.5), draw.between(0.6, 0.9), draw.between(0.05, 0.45));
+        let (soot, rough, pitted) = (draw.between(0.0, 0.5), draw.between(0.45, 0.9), draw.between(0.05, 0.45));
+        let water = Water::draw(draw, 0.25);
         let (f0, bloom) = (draw.between(0.02, 0.045), if draw.chance(0.3) { draw.between(0.1, 0.35) } else { 0.0 });
         paint(height, |t| {
             let mottle = 0.16 * coarse.data[t] + 0.22 * grit.data[t];
@@ -112,7 +114,8 @@ impl Blocks {
             let cavity = 1.0 + (0.12 * relief.data[t]).clamp(-0.45, 0.15);
             let dirt = 1.0 - soot * smoothstep(-0.1, 0.5, -coarse.data[t]);
             let base = scale(mix(mortar, block, faces[t]), cavity * dirt);
-            Coat::dielectric(base, lerp(0.92, rough, faces[t]) - 0.12 * grit.data[t] + 0.06 * coarse.data[t], f0)
+            let roughness = lerp(0.92, rough, faces[t]) - 0.12 * grit.data[t] + 0.06 * coarse.data[t];
+            water.over(Coat::dielectric(base, roughness, f0), relief.data[t])
         })
     }
 }
@@ -121,15 +124,15 @@ impl Blocks {
 pub fn cobbles(draw: &mut Draw) -> MaterialMaps {
     let width = draw.scale_between(55.0, 130.0);
     let stones = draw.worley(width);
-    let stone = draw.hsv([0.04, 0.14], [0.02, 0.22], [0.35, 0.75]);
+    let stone = draw.hsv([0.04, 0.14], [0.02, 0.22], [0.28, 0.68]);
     let bed = draw.hsv([0.07, 0.12], [0.15, 0.5], [0.2, 0.5]);
     let shape = Stones {
         dome: draw.between(0.35, 0.6),
         reach: draw.between(0.5, 0.66),
         gap: draw.between(2.0, 7.0),
-        rise: draw.between(9.0, 18.0),
+        rise: draw.between(5.0, 16.0),
         wobble: draw.between(3.0, 8.0),
-        rugged: draw.between(0.6, 1.6),
+        rugged: draw.between(0.3, 1.4),
     };
     shape.build(draw, &stones, stone, bed)
 }
@@ -138,15 +141,15 @@ pub fn cobbles(draw: &mut Draw) -> MaterialMaps {
 pub fn flagstones(draw: &mut Draw) -> MaterialMaps {
     let stretch = draw.between(0.8, 1.5);
     let stones = Worley::new(draw.scale_between(100.0, 210.0), [stretch, 1.0 / stretch], 0.8, draw.seed());
-    let stone = draw.hsv([0.02, 0.15], [0.03, 0.28], [0.35, 0.8]);
-    let bed = draw.hsv([0.06, 0.12], [0.05, 0.35], [0.3, 0.75]);
+    let stone = draw.hsv([0.02, 0.15], [0.03, 0.35], [0.25, 0.72]);
+    let bed = draw.hsv([0.06, 0.12], [0.05, 0.4], [0.2, 0.65]);
     let shape = Stones {
         dome: draw.between(0.06, 0.14),
         reach: 2.0,
         gap: draw.between(4.0, 9.0),
         rise: draw.between(4.0, 8.0),
         wobble: draw.between(8.0, 16.0),
-        rugged: draw.between(1.2, 2.6),
+        rugged: draw.between(0.5, 2.4),
     };
     shape.build(draw, &stones, stone, bed)
 }
@@ -189,18 +192,16 @@ impl Stones {
         });
         let relief = height.relief(12.0);
         let ramp = Ramp((0..5).map(|_| draw.near(stone, 0.45)).collect());
-        let (rough, f0, speckle) = (draw.between(0.45, 0.85), draw.between(0.025, 0.05), draw.between(0.1, 0.5));
+        let (rough, f0, speckle) = (draw.between(0.35, 0.8), draw.between(0.025, 0.05), draw.between(0.1, 0.5));
+        let water = Water::draw(draw, 0.3);
         paint(height, |t| {
             let tone = 1.0 + 0.35 * cleft.data[t].min(0.5) + speckle * grit.data[t] + 0.25 * coarse.data[t];
             let top = scale(ramp.at(unit(ids[t], 4) + 0.25 * coarse.data[t]), tone.max(0.2));
             let soil = scale(bed, 1.0 + 0.7 * grit.data[t]);
             let cavity = 1.0 + (0.09 * relief.data[t]).clamp(-0.6, 0.25);
             let base = scale(mix(soil, top, faces[t]), cavity);
-            Coat::dielectric(
-                base,
-                lerp(0.93, rough, faces[t]) - 0.1 * grit.data[t] - 0.02 * relief.data[t].clamp(-2.0, 2.0),
-                f0,
-            )
+            let roughness = lerp(0.93, rough, faces[t]) - 0.1 * grit.data[t] - 0.02 * relief.data[t].clamp(-2.0, 2.0);
+            water.over(Coat::dielectric(base, roughness, f0), relief.data[t])
         })
     }
 }

@@ -11,10 +11,15 @@ use crate::material::procedural::pattern::scatter::{Stamp, scatter};
 use crate::material::procedural::surface::{Coat, paint};
 
 /// One of the metals, slightly off its book value.
-fn any_metal(draw: &mut Draw) -> Rgb {
-    let base = draw.pick(&metal::ALL);
-    let base = scale(base, draw.between(0.7, 1.0));
-    draw.near(base, 0.06)
+pub fn any_metal(draw: &mut Draw) -> Rgb {
+    metal_of(draw, &metal::ALL)
+}
+
+/// One of some metals, clean or dulled by a film.
+fn metal_of(draw: &mut Draw, metals: &[Rgb]) -> Rgb {
+    let base = draw.pick(metals);
+    let base = if draw.chance(0.65) { base } else { scale(base, draw.between(0.6, 1.0)) };
+    draw.near(base, 0.05)
 }
 
 /// Thin straight scratches: 1 in their middle, 0 outside.
@@ -39,9 +44,12 @@ pub fn brushed_metal(draw: &mut Draw) -> MaterialMaps {
     let angles = [-0.06, 0.06];
     let count = draw.whole(0, 160);
     let strokes = scratches(draw, count, [60.0, 420.0], 1.4, angles);
-    let (depth, rough) = (draw.scale_between(0.04, 0.5), draw.between(0.18, 0.5));
+    let (depth, rough) = (draw.scale_between(0.02, 0.5), draw.between(0.18, 0.5));
+    // Fine brushing leaves its mark in the gloss alone.
+    let depth = if draw.chance(0.3) { 0.0 } else { depth };
+    let warp = if depth > 0.0 { 0.8 } else { 0.0 };
     let (uneven, dirt) = (draw.between(0.15, 0.45), draw.between(0.0, 0.25));
-    let height = grooves.clone().map(|v| depth * v).plus(-1.2 * depth, &strokes).plus(0.8, &stain);
+    let height = grooves.clone().map(|v| depth * v).plus(-1.2 * depth, &strokes).plus(warp, &stain);
     paint(height, |t| {
         let streak = 0.6 * grooves.data[t] + 0.4 * bands.data[t];
         let tone = (0.86 + uneven * streak - 0.2 * strokes.data[t]) * (1.0 - dirt * smoothstep(0.0, 0.6, stain.data[t]));
@@ -84,15 +92,23 @@ pub fn hammered_metal(draw: &mut Draw) -> MaterialMaps {
 
 /// Polished or satin metal: low texture, a few smudges and hairlines.
 pub fn polished_metal(draw: &mut Draw) -> MaterialMaps {
-    let f0 = any_metal(draw);
+    // Bright metals are what is polished and plated.
+    const BRIGHT: [Rgb; 6] = [metal::SILVER, metal::ALUMINIUM, metal::CHROMIUM, metal::GOLD, metal::COPPER, metal::BRASS];
+    let f0 = if draw.chance(0.7) { metal_of(draw, &BRIGHT) } else { any_metal(draw) };
     let (smudge, fine, swell) = (draw.noise(170.0, 5), draw.noise(24.0, 3), draw.noise(400.0, 2));
     let count = draw.whole(0, 40);
     let hairlines = scratches(draw, count, [40.0, 300.0], 0.9, [0.0, 6.3]);
-    let (rough, dull) = (draw.scale_between(0.03, 0.45), draw.scale_between(0.01, 0.14));
-    let height = swell.map(|v| 1.2 * v).plus(0.03, &fine).plus(-0.12, &hairlines);
+    let rough = if draw.chance(0.35) { draw.scale_between(0.01, 0.03) } else { draw.scale_between(0.03, 0.4) };
+    let (dull, film) = (draw.scale_between(0.004, 0.14), draw.scale_between(0.004, 0.06));
+    let warp = if draw.chance(0.5) { 0.0 } else { draw.between(0.2, 1.2) };
+    let (ripple, cut) = if warp > 0.0 { (0.03, -0.12) } else { (0.0, 0.0) };
+    let height = swell.map(|v| warp * v).plus(ripple, &fine).plus(cut, &hairlines);
     paint(height, |t| {
-        let film = smoothstep(-0.1, 0.6, smudge.data[t]);
-        Coat::metal(scale(f0, 0.97 - 0.06 * film), rough + dull * film + 0.02 * fine.data[t] + 0.06 * hairlines.data[t])
+        let smudged = smoothstep(-0.1, 0.6, smudge.data[t]);
+        Coat::metal(
+            scale(f0, 1.0 - film * smudged),
+            rough * (1.0 + 0.1 * fine.data[t]) + dull * smudged + 0.06 * hairlines.data[t],
+        )
     })
 }
 
@@ -126,7 +142,7 @@ pub fn diamond_plate(draw: &mut Draw) -> MaterialMaps {
     let height = studs.clone().map(|s| rise * s).plus(0.25, &grit).plus(1.0, &stain);
     let relief = height.relief(8.0);
     let bare = any_metal(draw);
-    let paint_colour = draw.chance(0.45).then(|| draw.hsv([0.0, 1.0], [0.1, 0.8], [0.1, 0.7]));
+    let paint_colour = draw.chance(0.45).then(|| draw.hsv([0.0, 1.0], [0.1, 0.9], [0.08, 0.6]));
     let (rough, dirt, wear) = (draw.between(0.2, 0.45), draw.between(0.2, 0.8), draw.between(0.3, 0.9));
     let speckle = draw.between(0.05, 0.3);
     paint(height, |t| {

@@ -15,16 +15,16 @@ pub fn woven_cloth(draw: &mut Draw) -> MaterialMaps {
     let draft = draw.pick(&[Draft::Plain, Draft::Plain, Draft::Basket(2), Draft::Twill { over: 2, under: 2 }, Draft::Satin]);
     let pitch = draw.scale_between(8.0, 26.0);
     let weave = Weave::new(pitch, pitch * draw.between(0.8, 1.3), draft, [draw.between(0.85, 1.0), draw.between(0.85, 1.0)]);
-    let ground = draw.hsv([0.0, 1.0], [0.0, 0.6], [0.15, 0.9]);
+    let ground = draw.hsv([0.0, 1.0], [0.0, 0.75], [0.1, 0.85]);
     let other = if draw.chance(0.5) { draw.near(ground, 0.3) } else { draw.hsv([0.0, 1.0], [0.05, 0.6], [0.2, 0.9]) };
     let stripes = draw.pick(&[0, 1, 2, 2]);
     let sets = [0, 1].map(|_| Stripes::draw(draw, ground, other));
     let cloth = Cloth {
-        depth: 0.16 * pitch,
+        depth: pitch * draw.between(0.06, 0.16),
         ply: pitch * draw.between(0.25, 0.6),
         twist: draw.pick(&[-1.0, 1.0]),
         fuzz: draw.between(0.1, 0.4),
-        roughness: draw.between(0.65, 0.95),
+        roughness: draw.between(0.5, 0.95),
         f0: draw.between(0.025, 0.05),
     };
     cloth.build(draw, weave, |warp, index| match (stripes, warp) {
@@ -48,7 +48,7 @@ pub fn denim(draw: &mut Draw) -> MaterialMaps {
     let white = draw.hsv([0.08, 0.15], [0.0, 0.12], [0.55, 0.85]);
     let white = mix(white, dye, draw.between(0.1, 0.6));
     let cloth = Cloth {
-        depth: 0.2 * pitch,
+        depth: pitch * draw.between(0.08, 0.2),
         ply: pitch * 0.5,
         twist: 1.0,
         fuzz: draw.between(0.3, 0.6),
@@ -141,11 +141,11 @@ pub fn knit(draw: &mut Draw) -> MaterialMaps {
     let size = draw.size;
     let width = draw.scale_between(18.0, 52.0);
     let knit = Knit::new(width, width * draw.between(0.6, 0.85), draw.between(0.6, 0.95));
-    let yarns: Vec<Rgb> = (0..3).map(|_| draw.hsv([0.0, 1.0], [0.05, 0.75], [0.2, 0.95])).collect();
+    let yarns: Vec<Rgb> = (0..3).map(|_| draw.hsv([0.0, 1.0], [0.05, 0.8], [0.15, 0.9])).collect();
     let (striped, seed) = (draw.chance(0.35), draw.seed());
     let (wx, wy) = (draw.noise(120.0, 3), draw.noise(120.0, 3));
     let (lint, worn) = (draw.fbm(Fbm::new(5.0, 1)), draw.noise(180.0, 4));
-    let (ply, fuzz, depth) = (draw.between(1.2, 2.6), draw.between(0.2, 0.5), width * draw.between(0.1, 0.18));
+    let (ply, fuzz, depth) = (draw.between(1.2, 2.6), draw.between(0.2, 0.5), width * draw.between(0.06, 0.16));
     let mut yarn: Vec<(Rgb, f32)> = Vec::with_capacity(size * size);
     let mut texel = 0;
     let height = Field::from_fn(size, |x, y| {
@@ -168,13 +168,13 @@ pub fn carpet(draw: &mut Draw) -> MaterialMaps {
     let size = draw.size;
     let cell = draw.scale_between(8.0, 20.0);
     let tufts = draw.worley(cell);
-    let ground = draw.hsv([0.0, 1.0], [0.03, 0.5], [0.2, 0.8]);
+    let ground = draw.hsv([0.0, 1.0], [0.03, 0.6], [0.15, 0.75]);
     let yarns: Vec<Rgb> =
         (0..4).map(|k| if k < 3 { draw.near(ground, 0.35) } else { draw.hsv([0.0, 1.0], [0.05, 0.4], [0.2, 0.9]) }).collect();
     let accent = draw.between(0.0, 0.25);
     let (wx, wy) = (draw.noise(cell * 0.8, 2), draw.noise(cell * 0.8, 2));
     let (lint, trodden) = (draw.fbm(Fbm::new(4.5, 1)), draw.noise(260.0, 4));
-    let depth = cell * draw.between(0.2, 0.4);
+    let depth = cell * draw.between(0.12, 0.36);
     let mut tuft: Vec<(u32, f32)> = Vec::with_capacity(size * size);
     let mut texel = 0;
     let height = Field::from_fn(size, |x, y| {
@@ -184,7 +184,7 @@ pub fn carpet(draw: &mut Draw) -> MaterialMaps {
         texel += 1;
         depth * dome * (0.7 + 0.6 * unit(cell_at.id, 1)) + 0.9 * lint.data[texel - 1] + 4.0 * trodden.data[texel - 1]
     });
-    let (rough, f0) = (draw.between(0.85, 1.0), draw.between(0.02, 0.035));
+    let (rough, f0) = (draw.between(0.75, 1.0), draw.between(0.02, 0.035));
     paint(height, |t| {
         let (id, dome) = tuft[t];
         let index = if unit(id, 2) < accent { 3 } else { (unit(id, 3) * 3.0) as usize };

@@ -29,30 +29,49 @@ pub fn ceramic_tiles(draw: &mut Draw) -> MaterialMaps {
             (slab.id, slab.inside(4.0), [slab.at[0] / slab.half[0], slab.at[1] / slab.half[1]])
         }
     };
-    let body = draw.hsv([0.0, 1.0], [0.0, 0.65], [0.2, 0.95]);
+    let body = match draw.whole(0, 3) {
+        0 => draw.grey([0.08, 0.97]),
+        1 => draw.hsv([0.0, 1.0], [0.5, 0.95], [0.1, 0.7]),
+        _ => draw.hsv([0.0, 1.0], [0.0, 0.6], [0.15, 0.9]),
+    };
     let ramp = if draw.chance(0.4) {
-        Ramp((0..4).map(|_| draw.near(body, 0.6)).collect())
+        Ramp((0..4).map(|_| shaded(draw, body, 0.6)).collect())
     } else {
         let amount = draw.between(0.02, 0.15);
-        Ramp((0..4).map(|_| draw.near(body, amount)).collect())
+        Ramp((0..4).map(|_| shaded(draw, body, amount)).collect())
     };
     let glaze = Glaze {
         gap: draw.between(2.5, 6.0),
         bevel: draw.between(3.0, 9.0),
         rise: draw.between(2.0, 5.0),
-        waves: draw.between(0.3, 1.6),
-        roughness: draw.scale_between(0.03, 0.35),
+        waves: draw.scale_between(0.03, 1.6),
+        roughness: draw.scale_between(0.01, 0.3),
         mottle: draw.between(0.03, 0.3),
     };
     glaze.build(draw, tile, |id, _, n| ramp.at(unit(id, 4) + 0.4 * n))
+}
+
+/// The glaze of another tile: a tinted one may turn a little in hue, a grey one stays grey.
+fn shaded(draw: &mut Draw, body: Rgb, amount: f32) -> Rgb {
+    if body[0] == body[2] {
+        scale(body, 1.0 + draw.between(-amount, amount)).map(|v| v.min(1.0))
+    } else {
+        draw.near(body, amount)
+    }
 }
 
 /// Square tiles with a printed ornament, four-fold and mirrored.
 pub fn printed_tiles(draw: &mut Draw) -> MaterialMaps {
     let count = draw.pick(&[4, 5, 6, 7, 8, 10]);
     let courses = Courses::bond(count, count, 0.0, draw.seed());
-    let ground =
-        draw.pick(&[srgb(236, 230, 214), srgb(226, 222, 212), srgb(214, 196, 160), srgb(60, 66, 78), srgb(196, 206, 204)]);
+    let ground = draw.pick(&[
+        srgb(236, 230, 214),
+        srgb(226, 222, 212),
+        srgb(214, 196, 160),
+        srgb(60, 66, 78),
+        srgb(40, 40, 44),
+        srgb(196, 206, 204),
+    ]);
     let inks: Vec<Rgb> = (0..3).map(|_| draw.hsv([0.0, 1.0], [0.3, 0.9], [0.15, 0.75])).collect();
     let ornament = Ornament::new(draw);
     let glaze = Glaze {
@@ -165,11 +184,11 @@ impl Glaze {
             lerp(bed, top, face)
         });
         let relief = height.relief(8.0);
-        let grout = draw.hsv([0.05, 0.15], [0.0, 0.15], [0.2, 0.85]);
+        let grout = if draw.chance(0.5) { draw.grey([0.1, 0.85]) } else { draw.hsv([0.05, 0.15], [0.0, 0.2], [0.15, 0.8]) };
         let (worn, f0) = (draw.between(0.0, 0.25), draw.between(0.035, 0.06));
         paint(height, |t| {
             let tone = 1.0 + self.mottle * (coarse.data[t] + 0.5 * grit.data[t]);
-            let face = mix(scale(colours[t], tone), [0.03, 0.025, 0.02], 0.8 * specks.data[t]);
+            let face = mix(scale(colours[t], tone), [0.025; 3], 0.8 * specks.data[t]);
             let glaze = Coat::dielectric(face, self.roughness + worn * (0.4 + coarse.data[t]).max(0.0) * 0.6, f0);
             let dirt = 1.0 + 0.4 * coarse.data[t] + 0.4 * grit.data[t] + (0.15 * relief.data[t]).clamp(-0.5, 0.1);
             let joint = Coat::dielectric(scale(grout, dirt), 0.85 + 0.1 * grit.data[t], 0.03);
@@ -180,31 +199,40 @@ impl Glaze {
 
 /// Smooth glazed porcelain: almost no texture but the highlight, at times a few specks.
 pub fn porcelain(draw: &mut Draw) -> MaterialMaps {
-    let body =
-        draw.pick(&[srgb(247, 246, 242), srgb(240, 236, 226), srgb(206, 222, 212), srgb(40, 52, 96), srgb(232, 226, 222)]);
-    let body = draw.near(body, 0.08);
+    let body = draw.pick(&[
+        srgb(247, 246, 242),
+        srgb(240, 236, 226),
+        srgb(186, 206, 194),
+        srgb(34, 48, 98),
+        srgb(96, 44, 36),
+        srgb(24, 24, 24),
+    ]);
+    let body = if draw.chance(0.6) { draw.grey([0.965, 0.995]) } else { draw.near(body, 0.08) };
     let (swell, fine) = (draw.noise(220.0, 3), draw.noise(40.0, 3));
-    let waves = draw.between(0.4, 1.6);
-    let height = swell.clone().map(|v| waves * v).plus(0.05, &fine);
-    let specks = draw.noise(10.0, 1).upper_share(draw.between(0.0, 0.004), 0.04);
-    let (rough, pool) = (draw.between(0.04, 0.16), draw.between(0.0, 0.08));
-    let f0 = draw.between(0.04, 0.06);
+    // Slip-cast ware is wavy, pressed and ground ware is plane.
+    let waves = if draw.chance(0.5) { 0.0 } else { draw.between(0.2, 1.4) };
+    let height = swell.clone().map(|v| waves * v).plus(0.04 * waves, &fine);
+    let specks = draw.noise(10.0, 1).upper_share(if draw.chance(0.5) { draw.between(0.0, 0.004) } else { 0.0 }, 0.04);
+    let (rough, pool) = (draw.scale_between(0.01, 0.16), draw.scale_between(0.001, 0.08));
+    let f0 = draw.between(0.038, 0.048);
     paint(height, |t| {
         let tint = scale(body, 1.0 - pool * swell.data[t]);
-        let colour = mix(tint, [0.05, 0.04, 0.03], 0.6 * specks.data[t]);
-        Coat::dielectric(colour, rough + 0.02 * fine.data[t], f0)
+        let colour = mix(tint, [0.04; 3], 0.6 * specks.data[t]);
+        Coat::dielectric(colour, rough * (1.0 + 0.15 * fine.data[t]), f0)
     })
 }
 
 /// Polished stone chips in a cement or resin binder.
 pub fn terrazzo(draw: &mut Draw) -> MaterialMaps {
     let size = draw.size;
-    let binder = draw.hsv([0.0, 1.0], [0.0, 0.15], [0.3, 0.95]);
-    let chips: Vec<Rgb> = (0..draw.whole(2, 5)).map(|_| draw.hsv([0.0, 0.6], [0.0, 0.35], [0.15, 0.95])).collect();
+    let binder = draw.hsv([0.0, 1.0], [0.0, 0.3], [0.08, 0.85]);
+    let chips: Vec<Rgb> = (0..draw.whole(2, 5)).map(|_| draw.hsv([0.0, 0.6], [0.0, 0.4], [0.1, 0.9])).collect();
     let (wx, wy) = (draw.noise(24.0, 3), draw.noise(24.0, 3));
     let (grit, coarse) = (draw.fbm(Fbm::new(8.0, 2).gain(0.8)), draw.noise(200.0, 5));
     let largest = draw.scale_between(26.0, 80.0);
     let layers = [1.0, 0.55, 0.28].map(|s| (draw.worley(largest * s), draw.between(0.3, 0.75), draw.between(0.05, 0.2)));
+    // Ground plane, or old enough for the binder to lie lower.
+    let worn = if draw.chance(0.5) { 0.0 } else { 1.0 };
     let mut texel = 0;
     let mut hits: Vec<(u32, f32)> = Vec::with_capacity(size * size);
     let height = Field::from_fn(size, |x, y| {
@@ -221,15 +249,15 @@ pub fn terrazzo(draw: &mut Draw) -> MaterialMaps {
         }
         hits.push(found);
         texel += 1;
-        0.25 * found.1 + 0.04 * grit.data[texel - 1] + 0.3 * coarse.data[texel - 1]
+        worn * (0.25 * found.1 + 0.04 * grit.data[texel - 1] + 0.3 * coarse.data[texel - 1])
     });
-    let (rough, dull, f0) = (draw.between(0.08, 0.4), draw.between(0.02, 0.2), draw.between(0.035, 0.055));
+    let (rough, dull, f0) = (draw.scale_between(0.03, 0.4), draw.scale_between(0.004, 0.2), draw.between(0.035, 0.055));
     paint(height, |t| {
         let (id, cover) = hits[t];
         let chip = chips[(unit(id, 2) * chips.len() as f32) as usize];
         let chip = scale(chip, 0.7 + 0.6 * unit(id, 3) + 0.3 * wx.data[t] + 0.2 * grit.data[t]);
         let ground = scale(binder, 1.0 + 0.25 * grit.data[t] + 0.12 * coarse.data[t]);
-        let roughness = rough + dull * (1.0 - cover) + 0.08 * coarse.data[t];
+        let roughness = rough * (1.0 + 0.3 * coarse.data[t]) + dull * (1.0 - cover);
         Coat::dielectric(mix(ground, chip, cover), roughness, f0)
     })
 }

@@ -68,6 +68,9 @@ fn species(draw: &mut Draw) -> [Rgb; 3] {
         (srgb(168, 86, 52), srgb(116, 48, 30)),
         (srgb(164, 152, 136), srgb(112, 102, 92)),
         (srgb(86, 60, 44), srgb(44, 32, 26)),
+        (srgb(196, 124, 54), srgb(150, 84, 34)),
+        (srgb(160, 94, 40), srgb(108, 58, 24)),
+        (srgb(96, 62, 30), srgb(58, 36, 20)),
     ]);
     let (light, dark) = (draw.near(light, 0.15), draw.near(dark, 0.15));
     [light, dark, scale(dark, 0.4)]
@@ -86,16 +89,17 @@ impl Finish {
     fn draw(draw: &mut Draw) -> Self {
         match draw.whole(0, 2) {
             0 => Self {
-                roughness: draw.between(0.14, 0.32),
+                roughness: draw.between(0.1, 0.32),
                 f0: draw.between(0.04, 0.055),
-                relief: draw.between(0.05, 0.25),
-                contrast: draw.between(0.5, 0.9),
+                // Varnish fills the grain.
+                relief: if draw.chance(0.5) { 0.0 } else { draw.between(0.05, 0.25) },
+                contrast: draw.between(0.25, 0.9),
             },
             1 => Self {
-                roughness: draw.between(0.4, 0.6),
+                roughness: draw.between(0.28, 0.55),
                 f0: 0.04,
                 relief: draw.between(0.2, 0.8),
-                contrast: draw.between(0.6, 1.0),
+                contrast: draw.between(0.35, 1.0),
             },
             _ => Self {
                 roughness: draw.between(0.65, 0.88),
@@ -125,11 +129,12 @@ pub fn wood_grain(draw: &mut Draw) -> MaterialMaps {
     let grain = Grain::draw(draw, knots);
     let (wood, finish) = (species(draw), Finish::draw(draw));
     let stain = draw.noise(300.0, 4);
+    let swell = 0.6 * finish.relief.min(1.0);
     let mut texel = 0;
     let height = Field::from_fn(draw.size, |_, _| {
         let t = texel;
         texel += 1;
-        finish.height(grain.rings.data[t], grain.fibre.data[t], grain.pores.data[t]) + 0.6 * stain.data[t]
+        finish.height(grain.rings.data[t], grain.fibre.data[t], grain.pores.data[t]) + swell * stain.data[t]
     });
     paint(height, |t| {
         let mut coat = finish.coat(wood, grain.rings.data[t], grain.fibre.data[t], grain.pores.data[t], grain.knots.data[t]);
@@ -144,15 +149,23 @@ pub fn wood_planks(draw: &mut Draw) -> MaterialMaps {
     let rows = draw.whole(5, 12);
     let courses = Courses::random(draw.whole(1, 2), rows, draw);
     let gap = draw.between(1.5, 5.0);
-    let boards = Boards { gap, bevel: draw.between(1.0, 4.0), tone: draw.between(0.15, 0.5), knots: draw.pick(&[0, 3, 6]) };
+    let boards = Boards {
+        gap,
+        bevel: draw.between(1.0, 4.0),
+        rise: draw.between(2.0, 4.0),
+        tone: draw.between(0.15, 0.5),
+        knots: draw.pick(&[0, 3, 6]),
+    };
     boards.build(draw, |x, y| courses.at(x, y))
 }
 
 /// Parquet blocks in a herringbone, straight or diagonal.
 pub fn parquet(draw: &mut Draw) -> MaterialMaps {
     let pattern = Herringbone::new(draw.between(36.0, 70.0), draw.pick(&[3, 4, 5, 6]), draw.chance(0.6), draw.seed());
+    // Sanded flush and filled, or laid with open joints.
+    let rise = if draw.chance(0.5) { draw.between(0.05, 0.4) } else { draw.between(1.0, 4.0) };
     let boards =
-        Boards { gap: draw.between(0.8, 2.0), bevel: draw.between(1.0, 2.0), tone: draw.between(0.15, 0.45), knots: 0 };
+        Boards { gap: draw.between(0.8, 2.0), bevel: draw.between(1.0, 2.0), rise, tone: draw.between(0.15, 0.45), knots: 0 };
     boards.build(draw, |x, y| pattern.at(x, y))
 }
 
@@ -160,6 +173,8 @@ pub fn parquet(draw: &mut Draw) -> MaterialMaps {
 struct Boards {
     gap: f32,
     bevel: f32,
+    /// Height over the gap.
+    rise: f32,
     /// Variation of tone between boards.
     tone: f32,
     knots: usize,
@@ -184,7 +199,7 @@ impl Boards {
                 [&grain.rings, &grain.fibre, &grain.pores, &grain.knots].map(|f| f.sample(gx, gy));
             boards.push((s.id, inside, finish.coat(wood, rings, fibre, pores, knots)));
             let lean = (unit(s.id, 3) - 0.5) * s.at[1] / s.half[1] * 0.8 + unit(s.id, 4) * 0.6;
-            let top = 4.0 + lean + finish.height(rings, fibre, pores);
+            let top = self.rise * (1.0 + 0.25 * lean) + finish.height(rings, fibre, pores);
             lerp(0.0, top, smoothstep(-1.0, self.bevel, inside))
         });
         let worn = draw.between(0.0, 0.3);
@@ -213,7 +228,7 @@ pub fn bark(draw: &mut Draw) -> MaterialMaps {
     let (sway, rim) = (draw.between(0.5, 1.1) * width, draw.between(0.25, 0.5));
     let fibre = draw.fbm(Fbm::stretched(10.0, 60.0, 3).gain(0.7));
     let flakes = draw.fbm(Fbm::stretched(30.0, 44.0, 3));
-    let depth = draw.between(6.0, 14.0);
+    let depth = draw.between(4.0, 13.0);
     let mut texel = 0;
     let height = Field::from_fn(size, |x, y| {
         let t = texel;
@@ -232,7 +247,7 @@ pub fn bark(draw: &mut Draw) -> MaterialMaps {
     let moss = draw.hsv([0.18, 0.27], [0.4, 0.7], [0.25, 0.5]);
     let share = if draw.chance(0.45) { draw.between(0.05, 0.35) } else { 0.0 };
     let growth = draw.noise(160.0, 6).upper_share(share, 0.12);
-    let (rough, f0) = (draw.between(0.6, 0.85), draw.between(0.02, 0.04));
+    let (rough, f0) = (draw.between(0.45, 0.85), draw.between(0.02, 0.04));
     paint(height, |t| {
         let tone = 0.5 + 0.07 * relief.data[t] + 0.35 * fibre.data[t] + 0.2 * flakes.data[t];
         let green = growth.data[t] * smoothstep(-3.0, 1.0, relief.data[t]);
