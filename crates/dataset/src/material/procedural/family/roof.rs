@@ -5,7 +5,7 @@ use std::f32::consts::PI;
 use crate::material::maps::MaterialMaps;
 use crate::material::procedural::colour::{Ramp, Rgb, mix, scale, srgb};
 use crate::material::procedural::draw::Draw;
-use crate::material::procedural::field::{Field, TILE, smoothstep};
+use crate::material::procedural::field::{Field, TILE, lerp, smoothstep};
 use crate::material::procedural::noise::{Fbm, unit};
 use crate::material::procedural::pattern::courses::Courses;
 use crate::material::procedural::surface::{Coat, Water, paint};
@@ -46,7 +46,7 @@ pub fn roof_tiles(draw: &mut Draw) -> MaterialMaps {
     let growth = coarse.clone().plus(0.5, &grit).upper_share(share, 0.1);
     let lichen = draw.hsv([0.11, 0.25], [0.15, 0.6], [0.3, 0.6]);
     // Unglazed clay is as matt as anything.
-    let rough = if draw.chance(0.4) { draw.between(0.92, 1.04) } else { draw.between(0.55, 0.92) };
+    let rough = if draw.chance(0.5) { draw.between(0.92, 1.04) } else { draw.between(0.55, 0.92) };
     let (f0, soot) = (draw.between(0.03, 0.045), draw.between(0.1, 0.6));
     let water = Water::draw(draw, 0.2);
     paint(height, |t| {
@@ -54,6 +54,8 @@ pub fn roof_tiles(draw: &mut Draw) -> MaterialMaps {
         let shade = (1.0 + 0.1 * relief.data[t]).clamp(0.35, 1.2) * (1.0 - soot * smoothstep(0.2, -1.0, v + coarse.data[t]));
         let tone = shade * (0.8 + 0.4 * unit(id, 2) + 0.3 * grit.data[t] + 0.25 * coarse.data[t]);
         let colour = mix(clay.at(unit(id, 3) + 0.2 * coarse.data[t]), lichen, 0.8 * growth.data[t]);
-        water.over(Coat::dielectric(scale(colour, tone), rough + 0.05 * grit.data[t], f0), relief.data[t])
+        // Lichen is matter than any clay.
+        let matt = lerp(rough + 0.05 * grit.data[t], 1.0, growth.data[t]);
+        water.over(Coat::dielectric(scale(colour, tone), matt, f0), relief.data[t])
     })
 }

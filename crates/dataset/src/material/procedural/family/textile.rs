@@ -184,7 +184,7 @@ pub fn carpet(draw: &mut Draw) -> MaterialMaps {
         texel += 1;
         depth * dome * (0.7 + 0.6 * unit(cell_at.id, 1)) + 0.9 * lint.data[texel - 1] + 4.0 * trodden.data[texel - 1]
     });
-    let (rough, f0) = (draw.between(0.75, 1.0), draw.between(0.02, 0.035));
+    let (rough, f0) = (draw.between(0.75, 1.05), draw.between(0.02, 0.035));
     paint(height, |t| {
         let (id, dome) = tuft[t];
         let index = if unit(id, 2) < accent { 3 } else { (unit(id, 3) * 3.0) as usize };

@@ -207,13 +207,13 @@ pub fn porcelain(draw: &mut Draw) -> MaterialMaps {
         srgb(96, 44, 36),
         srgb(24, 24, 24),
     ]);
-    let body = if draw.chance(0.6) { draw.grey([0.965, 0.995]) } else { draw.near(body, 0.08) };
+    let body = if draw.chance(0.65) { draw.grey([0.972, 0.998]) } else { draw.near(body, 0.08) };
     let (swell, fine) = (draw.noise(220.0, 3), draw.noise(40.0, 3));
     // Slip-cast ware is wavy, pressed and ground ware is plane.
     let waves = if draw.chance(0.5) { 0.0 } else { draw.between(0.2, 1.4) };
     let height = swell.clone().map(|v| waves * v).plus(0.04 * waves, &fine);
     let specks = draw.noise(10.0, 1).upper_share(if draw.chance(0.5) { draw.between(0.0, 0.004) } else { 0.0 }, 0.04);
-    let (rough, pool) = (draw.scale_between(0.01, 0.16), draw.scale_between(0.001, 0.08));
+    let (rough, pool) = (draw.scale_between(0.01, 0.16), draw.scale_between(0.001, 0.05));
     let f0 = draw.between(0.038, 0.048);
     paint(height, |t| {
         let tint = scale(body, 1.0 - pool * swell.data[t]);
