@@ -4,17 +4,17 @@ import json
 
 import torch
 
-import adam
 import golden
+import adam
+import flow_cases
 import losses
 import published
-import pwc
-import svbrdf
+import svbrdf_cases
 
 torch.set_num_threads(1)
 torch.use_deterministic_algorithms(True)
-for twin in [svbrdf, pwc, published, losses, adam]:
+for twin in [svbrdf_cases, flow_cases, published, losses, adam]:
     twin.main()
-counts = svbrdf.count() | pwc.count() | published.count()
+counts = svbrdf_cases.count() | flow_cases.count() | published.count()
 (golden.FOLDER / "counts.json").write_text(json.dumps(counts, indent=1) + "\n")
 print(counts)

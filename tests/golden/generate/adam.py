@@ -3,7 +3,7 @@
 import torch
 
 import golden
-import svbrdf
+import svbrdf_cases
 
 STEPS = 20
 # Of a net: later, another frame holds the maximum somewhere, and rounding decides which. PyTorch's own way in single precision is
@@ -51,7 +51,7 @@ def trajectory(plan, start, gradients):
 
 def train_net():
     """Trains the small net of the paper towards maps of 0.25: the losses, and how far each parameter went in WAY_STEPS."""
-    net, pictures, flow, valid = svbrdf.draw(**svbrdf.PAPER)
+    net, pictures, flow, valid = svbrdf_cases.draw(**svbrdf_cases.PAPER)
     start = {name: parameter.detach().clone() for name, parameter in net.named_parameters()}
     optimiser, ramp = optimiser_of(NET_PLAN, net.parameters())
     losses = []
@@ -59,7 +59,7 @@ def train_net():
         if step == WAY_STEPS:
             way = {f"way.{name}": golden.sketch(parameter - start[name]) for name, parameter in net.named_parameters()}
         optimiser.zero_grad()
-        maps = net(golden.decoded(pictures), flow, valid)[1]
+        maps = net(golden.decoded(pictures), flow, valid)
         # Gradients above ε, where Adam's steps are long.
         loss = 100 * ((maps - 0.25) ** 2).mean()
         loss.backward()

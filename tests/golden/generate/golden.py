@@ -2,12 +2,15 @@
 
 import json
 import struct
+import sys
 from pathlib import Path
 
 import numpy as np
 import torch
 
 FOLDER = Path(__file__).resolve().parent.parent
+# The nets.
+sys.path.insert(0, str(FOLDER.parent.parent / "python"))
 # A gradient of more values than this is stored as its sketch.
 LARGEST_WHOLE = 256
 BUCKETS = 64

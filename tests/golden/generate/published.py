@@ -10,9 +10,9 @@ import torch.nn.functional as F
 from torch import nn
 
 import golden
-from pwc import Shape, cost_volume, enlarge, make_case
+from flow_cases import make_case, shape
+from pwc import UNIT_PX, cost_volume, enlarge
 
-UNIT_PX = 20.0
 # From the flow in units of 20 px to pixels of a level: 20 / 32, 20 / 16, …
 WARP_SCALES = {5: 0.625, 4: 1.25, 3: 2.5, 2: 5.0}
 UNUSUAL = {"connections": "dense", "upsampling": "deconvolution", "prediction": "direct", "coarsest_features": False}
@@ -31,24 +31,27 @@ def deconv(inputs):
     return nn.ConvTranspose2d(inputs, 2, 4, stride=2, padding=1)
 
 
-def pyramid_names(level):
-    """A level's convolutions in the order in which they are applied: at level 6 the release swaps the first two names."""
-    return [f"conv{level}{part}" for part in (["aa", "a", "b"] if level == 6 else ["a", "aa", "b"])]
+def pyramid_names(level, convs=3):
+    """A level's convolutions in the order in which they are applied: at level 6 the release swaps the first two names. Its first
+    version has two."""
+    parts = ["a", "b"] if convs == 2 else ["aa", "a", "b"] if level == 6 else ["a", "aa", "b"]
+    return [f"conv{level}{part}" for part in parts]
 
 
 class Published(nn.Module):
-    def __init__(self, shape, seed):
+    def __init__(self, architecture, seed):
         super().__init__()
-        self.shape = shape
-        channels = [3, *shape.channels]
+        self.radius, self.convs = architecture["radius"], architecture["convs_per_level"]
+        self.estimators = range(len(architecture["estimator"]))
+        channels = [3, *architecture["channels"]]
         for level in range(1, 7):
-            first, second, third = pyramid_names(level)
+            first, *others = pyramid_names(level, self.convs)
             setattr(self, first, conv(channels[level - 1], channels[level], stride=2))
-            setattr(self, second, conv(channels[level], channels[level]))
-            setattr(self, third, conv(channels[level], channels[level]))
+            for name in others:
+                setattr(self, name, conv(channels[level], channels[level]))
         for level in range(6, 1, -1):
-            seen = (2 * shape.radius + 1) ** 2 + (0 if level == 6 else channels[level] + 4)
-            for index, width in enumerate(shape.estimator):
+            seen = (2 * self.radius + 1) ** 2 + (0 if level == 6 else channels[level] + 4)
+            for index, width in enumerate(architecture["estimator"]):
                 setattr(self, f"conv{level}_{index}", conv(seen, width))
                 seen += width
             setattr(self, f"predict_flow{level}", predict_flow(seen))
@@ -56,7 +59,7 @@ class Published(nn.Module):
             if level > 2:
                 setattr(self, f"deconv{level}", deconv(2))
                 setattr(self, f"upfeat{level}", deconv(seen))
-        for index, (width, dilation) in enumerate(zip(shape.context, [1, 2, 4, 8, 16, 1]), 1):
+        for index, (width, dilation) in enumerate(zip(architecture["context"], [1, 2, 4, 8, 16, 1]), 1):
             setattr(self, f"dc_conv{index}", conv(seen, width, dilation=dilation))
             seen = width
         self.dc_conv7 = predict_flow(seen)
@@ -78,7 +81,7 @@ class Published(nn.Module):
     def pyramid(self, image):
         found = {}
         for level in range(1, 7):
-            for name in pyramid_names(level):
+            for name in pyramid_names(level, self.convs):
                 image = self.get_submodule(name)(image)
             found[level] = image
         return found
@@ -88,7 +91,7 @@ class Published(nn.Module):
             x = self.get_submodule(f"dc_conv{index}")(x)
         return x
 
-    def forward(self, first, second):
+    def levels(self, first, second):
         """Per level, coarse to fine: flow in units of 20 px, correlation, flow that it started from, factor."""
         height, width = first.shape[2:]
         grow = lambda image: F.pad(image, (0, -width % 64, 0, -height % 64), mode="replicate")
@@ -96,11 +99,11 @@ class Published(nn.Module):
         levels, up_flow = [], None
         for level in range(6, 1, -1):
             other = far[level] if up_flow is None else warp(far[level], up_flow * WARP_SCALES[level])
-            corr = cost_volume(near[level], other, self.shape.radius)
+            corr = cost_volume(near[level], other, self.radius)
             x = LEAKY(corr)
             if up_flow is not None:
                 x = torch.cat((x, near[level], up_flow, up_feat), 1)
-            for index in range(len(self.shape.estimator)):
+            for index in self.estimators:
                 x = torch.cat((self.get_submodule(f"conv{level}_{index}")(x), x), 1)
             flow = self.get_submodule(f"predict_flow{level}")(x)
             if level == 2:
@@ -142,11 +145,42 @@ def renamed(name):
     return f"{path}.{kind}"
 
 
+def make_release(name, architecture, seed, save):
+    """Writes one folder: a checkpoint as the release's, with float weights, BGR filters and the layer that nothing reads; a pair of
+    RGB pictures, and the flow that the release finds on their BGR versions."""
+    net = Published(architecture, seed)
+    golden.round_weights(net, "f32")
+    generator = torch.Generator().manual_seed(seed + 1000)
+    pictures = golden.textures(2, 64, 64, generator)
+    # From RGB to BGR.
+    first, second = golden.decoded(pictures).flip(1).chunk(2)
+    case = {"images": pictures.numpy(), "flow": golden.single(net.full(net.levels(first, second), 64, 64))}
+    unread = {"deconv2.weight": torch.zeros(2, 2, 4, 4), "deconv2.bias": torch.zeros(2)}
+    folder = golden.FOLDER / "flow" / name
+    golden.write(folder / "case.safetensors", case)
+    save({key: value.float() for key, value in net.state_dict().items()} | unread, folder / "pwc_net.pth.tar")
+    print(f"flow/{name}: {sum(p.numel() for p in net.parameters())} parameters, flow up to {case['flow'].max():.1f} px")
+
+
+def save_current(state, path):
+    torch.save(state, path)
+
+
+def save_as_then(state, path):
+    """As training scripts of the time saved: from several GPUs, with other things beside, before archives."""
+    checkpoint = {"epoch": 7, "best_EPE": 2.5, "arch": "pwc_dc_net", "state_dict": {f"module.{k}": v for k, v in state.items()}}
+    torch.save(checkpoint, path, _use_new_zipfile_serialization=False)
+
+
 def count():
-    return {"pwc_published": sum(p.numel() for p in Published(Shape([16, 32, 64, 96, 128, 196]), 0).parameters())}
+    full = shape([16, 32, 64, 96, 128, 196], context=[128, 128, 128, 96, 64, 32])
+    return {"pwc_published": sum(p.numel() for p in Published(full, 0).parameters())}
 
 
 def main():
     # About a sixteenth of the widths; the whole cost volume.
-    shape = Shape([2, 2, 4, 6, 8, 12], estimator=[6, 6, 4, 4, 2], context=[8, 8, 8, 6, 4, 2], **UNUSUAL)
-    make_case("published-sixteenth", Published(shape, 6), (66, 70), 1, 6, 6.0, ["euclidean"], renamed)
+    sixteenth = shape([2, 2, 4, 6, 8, 12], estimator=[6, 6, 4, 4, 2], context=[8, 8, 8, 6, 4, 2], **UNUSUAL)
+    make_case("published-sixteenth", Published(sixteenth, 6), sixteenth, (66, 70), 1, 6, 6.0, ["euclidean"], renamed)
+    tiny = {"channels": [2, 2, 2, 3, 3, 4], "estimator": [2, 2, 1, 1, 1], "context": [2, 2, 2, 1, 1, 1], "radius": 2}
+    make_release("release", shape(**tiny), 7, save_current)
+    make_release("release-first-version", shape(**tiny, convs_per_level=2), 8, save_as_then)

@@ -15,9 +15,11 @@ import torch
 torch.float64 = torch.float32
 sys.path.insert(0, str(Path(__file__).resolve().parents[4] / "tests/golden/generate"))
 
+import flow_cases
 import losses
-import pwc
-import svbrdf
+import svbrdf_cases
+from pwc import Pwc, cost_volume
+from svbrdf import warp
 
 SIDE = 256
 
@@ -38,15 +40,15 @@ def picture(count, channels, side):
 
 
 def svbrdf_step():
-    net = svbrdf.SvbrdfNet(svbrdf.Shape(width=work["width"]), 1)
+    net = svbrdf_cases.drawn(svbrdf_cases.shape(width=work["width"]), 1)
     keys = work["frames"] - 1
-    frames, flow = picture(keys + 1, 3, SIDE), svbrdf.flows(keys, SIDE, SIDE, generator)
+    frames, flow = picture(keys + 1, 3, SIDE), svbrdf_cases.flows(keys, SIDE, SIDE, generator)
     valid = torch.ones(keys, 1, SIDE, SIDE)
     target = losses.random_maps(SIDE, SIDE, generator)
     rendering, top = losses.draw_views(generator)
 
     def step():
-        maps = net(frames, flow, valid)[1]
+        maps = net(frames, flow, valid)
         if training:
             terms = losses.rendering_terms(maps, target, rendering, top, losses.MODELS[0])
             (0.1 * sum(losses.map_terms(maps, target)) + sum(terms)).backward()
@@ -56,12 +58,12 @@ def svbrdf_step():
 
 
 def pwc_step():
-    net = pwc.Pwc(pwc.Shape(), 1)
+    net = flow_cases.drawn({}, 1)
     first, second = picture(1, 3, SIDE), picture(1, 3, SIDE)
-    target, valid = svbrdf.flows(1, SIDE, SIDE, generator).nan_to_num(), torch.ones(1, 1, SIDE, SIDE)
+    target, valid = svbrdf_cases.flows(1, SIDE, SIDE, generator).nan_to_num(), torch.ones(1, 1, SIDE, SIDE)
 
     def step():
-        levels = net(first, second)
+        levels = net.levels(first, second)
         if training:
             flows = [(flow, factor) for flow, _, _, factor in levels]
             sum(losses.flow_terms(flows, target, valid, "euclidean")).backward()
@@ -75,10 +77,10 @@ def pwc_step():
 def warp_maximum_step():
     frames, width = work["frames"], work["width"]
     guidance, features = picture(1, width, SIDE).requires_grad_(), picture(frames, width, SIDE).requires_grad_()
-    flow = svbrdf.flows(frames, SIDE, SIDE, generator)
+    flow = svbrdf_cases.flows(frames, SIDE, SIDE, generator)
 
     def step():
-        values, mask = svbrdf.warp(features, flow)
+        values, mask = warp(features, flow)
         maximum = torch.maximum(guidance, torch.where(mask, values, -1e38).amax(0, keepdim=True))
         maximum.sum().backward()
         guidance.grad = features.grad = None
@@ -87,12 +89,12 @@ def warp_maximum_step():
 
 
 def cost_volume_step():
-    shape = pwc.Shape()
-    levels = list(enumerate(shape.channels))[1:]
+    net = Pwc()
+    levels = [(level, convs.convs[-1].bias.numel()) for level, convs in enumerate(net.pyramid.levels)][1:]
     pairs = [[picture(1, channels, SIDE >> (level + 1)).requires_grad_() for _ in range(2)] for level, channels in levels]
 
     def step():
-        sum(pwc.cost_volume(a, b, shape.radius).sum() for a, b in pairs).backward()
+        sum(cost_volume(a, b, net.radius).sum() for a, b in pairs).backward()
         for maps in (maps for pair in pairs for maps in pair):
             maps.grad = None
 
