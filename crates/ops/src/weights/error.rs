@@ -125,6 +125,14 @@ pub enum WeightsError {
         /// Its shape.
         found: Vec<usize>,
     },
+    /// A tensor that another file of the same net holds too.
+    #[error("{} holds `{tensor}`, which another file of the net holds too; copy the whole folder again", path.display())]
+    Twice {
+        /// The file.
+        path: PathBuf,
+        /// The tensor.
+        tensor: String,
+    },
     /// A tensor of another shape.
     #[error("`{tensor}` in {} has shape {found:?}, this architecture expects {expected:?}", path.display())]
     Shape {
@@ -137,8 +145,8 @@ pub enum WeightsError {
         /// The file's shape.
         found: Vec<usize>,
     },
-    /// A tensor of a number type other than f16 and f32.
-    #[error("`{tensor}` in {} is stored as {found}, expected F16 or F32", path.display())]
+    /// A tensor of a number type other than f16, bf16 and f32.
+    #[error("`{tensor}` in {} is stored as {found}, expected F16, BF16 or F32", path.display())]
     NumberType {
         /// The file.
         path: PathBuf,

@@ -1,14 +1,18 @@
 //! Weights on disk: one safetensors file per net and one `manifest.json` that says what the files are.
 //!
-//! A folder of weights holds `NAME.safetensors` for each net (`adjacent`, `distant`, `svbrdf`) and a [`Manifest`] with, for
-//! each, the architecture it fits, where it comes from and what it reached. Tensors carry the path of the parameter in the
+//! A folder of weights holds `NAME.safetensors` for each net (`adjacent`, `distant`, `svbrdf`; several files where one would be too
+//! large) and a [`Manifest`] with, for each, the architecture it fits, where it comes from and what it reached. Tensors carry the path of the parameter in the
 //! module (`pyramid.levels.0.convs.1.weight`), so other programs can read them too.
 
 mod error;
 mod file;
+mod manifest;
+mod module;
 
 pub use error::WeightsError;
-pub use file::{Precision, load, save};
+pub use file::{Precision, StoredTensor, Tensors, load, read_tensors, save};
+pub use manifest::{DataSource, Manifest, NetRecord, Port, Shard};
+pub use module::{fill, tensors_of};
 
 use std::{
     collections::BTreeMap,
@@ -17,9 +21,9 @@ use std::{
 };
 
 use burn::module::Module;
-use file::{fill, read, sha256, write_atomically};
+use file::{decode_file, read, sha256, write_tensors};
 use half::f16;
-use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use serde::{Serialize, de::DeserializeOwned};
 
 /// Name of the manifest in a folder of weights.
 pub const MANIFEST: &str = "manifest.json";
@@ -28,38 +32,6 @@ pub const MANIFEST_FORMAT: u32 = 1;
 
 /// Nets with more weights than this beyond what their file can hold aren't built.
 const MAX_MISSING: usize = 1 << 20;
-
-/// What a folder of weights holds.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Manifest {
-    /// [`MANIFEST_FORMAT`].
-    pub format: u32,
-    /// One record per net, by name.
-    pub nets: BTreeMap<String, NetRecord>,
-}
-
-/// One net of a folder.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct NetRecord {
-    /// What sort of net reads it, for example `pwc`.
-    pub kind: String,
-    /// The config the net is built from.
-    pub architecture: serde_json::Value,
-    /// Number type of the file.
-    pub precision: Precision,
-    /// How many weights.
-    pub parameters: usize,
-    /// SHA-256 of the file, in hexadecimal; checked when present.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub sha256: Option<String>,
-    /// How it was trained: command, data, steps.
-    pub training: String,
-    /// What it reached, by name.
-    #[serde(default)]
-    pub metrics: BTreeMap<String, f64>,
-}
 
 /// What [`save_net`] can't know from the net itself.
 #[derive(Clone, Debug)]
@@ -72,44 +44,6 @@ pub struct Description<A> {
     pub training: String,
     /// What it reached, by name.
     pub metrics: BTreeMap<String, f64>,
-}
-
-impl Manifest {
-    /// Reads the manifest of a folder.
-    ///
-    /// # Errors
-    /// If there is none, or it isn't one.
-    pub fn read(folder: &Path) -> Result<Self, WeightsError> {
-        let path = folder.join(MANIFEST);
-        let text = read(&path)?;
-        let bad = |reason: String| WeightsError::BadManifest { path: path.clone(), reason };
-        #[derive(Deserialize)]
-        struct Version {
-            format: u32,
-        }
-        let Version { format } = serde_json::from_slice(&text).map_err(|e| bad(e.to_string()))?;
-        if format != MANIFEST_FORMAT {
-            return Err(WeightsError::Format { path, found: format });
-        }
-        serde_json::from_slice(&text).map_err(|e| bad(e.to_string()))
-    }
-
-    /// The record of a net.
-    ///
-    /// # Errors
-    /// If the net isn't listed or is of another kind.
-    pub fn net(&self, folder: &Path, net: &str, kind: &str) -> Result<&NetRecord, WeightsError> {
-        let path = folder.join(MANIFEST);
-        let Some(record) = self.nets.get(net) else {
-            let listed = self.nets.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
-            return Err(WeightsError::NoNet { path, net: net.into(), listed });
-        };
-        if record.kind != kind {
-            let found = record.kind.clone();
-            return Err(WeightsError::Kind { path, net: net.into(), expected: kind.into(), found });
-        }
-        Ok(record)
-    }
 }
 
 /// Where a net's weights lie in a folder.
@@ -147,13 +81,50 @@ pub fn save_net<M: Module, A: Serialize>(
         precision,
         parameters: module.num_params(),
         sha256: Some(sha256),
+        shards: Vec::new(),
+        inputs: Vec::new(),
+        outputs: Vec::new(),
         training: description.training,
+        data: Vec::new(),
         metrics: description.metrics,
     };
     manifest.nets.insert(net.into(), record);
-    let mut text = serde_json::to_vec_pretty(&manifest).expect("a manifest of strings and numbers is JSON");
-    text.push(b'\n');
-    write_atomically(&manifest_path, &text)
+    manifest.write(folder)
+}
+
+/// Writes tensors as the file of a net or, if that would be larger than `largest` bytes, as several: each but the last as full
+/// as the order of names allows, one tensor at least. Returns their names and SHA-256.
+///
+/// # Errors
+/// If a file can't be written or a weight isn't finite in `precision`.
+pub fn save_shards(
+    folder: &Path,
+    net: &str,
+    tensors: &Tensors,
+    precision: Precision,
+    largest: u64,
+) -> Result<Vec<Shard>, WeightsError> {
+    let mut parts: Vec<(u64, Vec<_>)> = Vec::new();
+    for tensor in tensors {
+        let bytes = (tensor.1.values.len() * precision.bytes()) as u64;
+        match parts.last_mut() {
+            Some((full, part)) if *full + bytes <= largest => {
+                *full += bytes;
+                part.push(tensor);
+            }
+            _ => parts.push((bytes, vec![tensor])),
+        }
+    }
+    let count = parts.len();
+    let write = |(index, (_, part)): (usize, (u64, Vec<(&String, &StoredTensor)>))| {
+        let file = match count {
+            1 => format!("{net}.safetensors"),
+            _ => format!("{net}-{:05}-of-{count:05}.safetensors", index + 1),
+        };
+        let sha256 = write_tensors(part.into_iter(), &folder.join(&file), precision)?;
+        Ok(Shard { file, sha256 })
+    };
+    parts.into_iter().enumerate().map(write).collect()
 }
 
 /// Reads a net from a folder of weights: builds it from the architecture in the manifest and fills it.
@@ -171,22 +142,36 @@ pub fn load_net<M: Module, A: DeserializeOwned>(
 ) -> Result<(M, NetRecord), WeightsError> {
     let manifest = Manifest::read(folder)?;
     let record = manifest.net(folder, net, kind)?.clone();
-    let path = file_of(folder, net);
-    let bytes = read(&path)?;
-    if let Some(expected) = &record.sha256 {
-        let found = sha256(&bytes);
-        if !expected.eq_ignore_ascii_case(&found) {
-            return Err(WeightsError::Checksum { path, expected: expected.clone(), found });
+    let (mut held, mut files) = (0, Vec::new());
+    for (path, expected) in record.files(folder, net)? {
+        let bytes = read(&path)?;
+        if let Some(expected) = expected {
+            let found = sha256(&bytes);
+            if !expected.eq_ignore_ascii_case(&found) {
+                return Err(WeightsError::Checksum { path, expected: expected.into(), found });
+            }
         }
+        held += bytes.len() / size_of::<f16>();
+        files.push((path, bytes));
     }
+    let path = files[0].0.clone();
     let bad = |reason: String| WeightsError::Architecture { path: folder.join(MANIFEST), net: net.into(), reason };
     let architecture = serde_json::from_value(record.architecture.clone()).map_err(|e| bad(e.to_string()))?;
     // Before room is made for them: a manifest can announce anything. Smaller gaps are told tensor by tensor.
-    let (needed, held) = (parameters(&architecture).map_err(bad)?, bytes.len() / size_of::<f16>());
+    let needed = parameters(&architecture).map_err(bad)?;
     if needed > held + MAX_MISSING {
         return Err(WeightsError::TooFew { path, needed, held });
     }
-    let module = fill(build(architecture).map_err(bad)?, &bytes, &path)?;
+    let mut tensors = Tensors::new();
+    for (path, bytes) in files {
+        for (tensor, stored) in decode_file(&bytes, &path)? {
+            if tensors.contains_key(&tensor) {
+                return Err(WeightsError::Twice { path, tensor });
+            }
+            tensors.insert(tensor, stored);
+        }
+    }
+    let module = fill(build(architecture).map_err(bad)?, tensors, &path)?;
     Ok((module, record))
 }
 

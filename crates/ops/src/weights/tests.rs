@@ -81,7 +81,7 @@ fn edit_manifest(folder: &Path, edit: impl FnOnce(&mut serde_json::Value)) {
 }
 
 #[test]
-fn f32_is_exact_and_f16_rounds_to_half_precision() {
+fn f32_is_exact_and_the_halves_round_to_their_precision() {
     let folder = tempfile::tempdir().unwrap();
     let net = architecture(&SMALL).init(0.1);
     let path = folder.path().join("net.safetensors");
@@ -89,11 +89,64 @@ fn f32_is_exact_and_f16_rounds_to_half_precision() {
     let loaded = load(architecture(&SMALL).init(9.0), &path).unwrap();
     assert_eq!(all_values(&loaded), all_values(&net));
 
-    save(&net, &path, Precision::F16).unwrap();
-    let halves = all_values(&load(architecture(&SMALL).init(9.0), &path).unwrap());
-    assert_ne!(halves, all_values(&net));
-    for (half, exact) in halves.iter().zip(all_values(&net)) {
-        assert!((half - exact).abs() <= exact.abs() * 0.5f32.powi(11), "{half} for {exact}");
+    for (precision, bits) in [(Precision::F16, 11), (Precision::Bf16, 8)] {
+        save(&net, &path, precision).unwrap();
+        let halves = all_values(&load(architecture(&SMALL).init(9.0), &path).unwrap());
+        assert_ne!(halves, all_values(&net));
+        for (half, exact) in halves.iter().zip(all_values(&net)) {
+            assert!((half - exact).abs() <= exact.abs() * 0.5f32.powi(bits), "{precision}: {half} for {exact}");
+        }
+    }
+    // The range of single precision.
+    save(&architecture(&SMALL).init(1e30), &path, Precision::Bf16).unwrap();
+    let large = all_values(&load(architecture(&SMALL).init(0.0), &path).unwrap());
+    assert!(large.iter().all(|v| (v / 1e30 - 1.0).abs() < 0.004), "{large:?}");
+}
+
+/// A folder with one net in three files.
+fn save_in_three(folder: &Path) -> Net {
+    save_small(folder);
+    let net = architecture(&SMALL).init(1.5);
+    fs::remove_file(file_of(folder, "one")).unwrap();
+    let shards = save_shards(folder, "one", &tensors_of(&net), Precision::F32, 28).unwrap();
+    let mut manifest = Manifest::read(folder).unwrap();
+    let record = manifest.nets.get_mut("one").unwrap();
+    (record.sha256, record.shards) = (None, shards);
+    manifest.write(folder).unwrap();
+    net
+}
+
+#[test]
+fn a_net_in_several_files_is_the_net() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let net = save_in_three(folder);
+    let names: Vec<_> = Manifest::read(folder).unwrap().nets["one"].shards.iter().map(|s| s.file.clone()).collect();
+    // By name: a bias of 8 bytes, a weight of 24, then 8 and 4.
+    assert_eq!(names, ["one-00001-of-00003.safetensors", "one-00002-of-00003.safetensors", "one-00003-of-00003.safetensors"]);
+    assert_eq!(all_values(&load_one(folder).unwrap().0), all_values(&net));
+    // What fits lies in one file, of the usual name.
+    let whole = save_shards(folder, "two", &tensors_of(&net), Precision::F32, 44).unwrap();
+    assert_eq!(whole.iter().map(|s| s.file.as_str()).collect::<Vec<_>>(), ["two.safetensors"]);
+}
+
+#[test]
+fn files_of_a_net_that_do_not_belong_together_are_named_errors() {
+    let check = |spoil: &dyn Fn(&Path), right: &dyn Fn(&WeightsError) -> bool| {
+        let folder = tempfile::tempdir().unwrap();
+        save_in_three(folder.path());
+        spoil(folder.path());
+        let error = load_one(folder.path()).unwrap_err();
+        assert!(right(&error), "{error}");
+    };
+    let part = |n: usize| format!("one-0000{n}-of-00003.safetensors");
+    check(&|f| fs::remove_file(f.join(part(2))).unwrap(), &|e| matches!(e, WeightsError::Missing { .. }));
+    check(&|f| fs::rename(f.join(part(2)), f.join(part(1))).unwrap(), &|e| matches!(e, WeightsError::Checksum { .. }));
+    let edit = |f: &Path, edit: &dyn Fn(&mut serde_json::Value)| edit_manifest(f, |j| edit(&mut j["nets"]["one"]["shards"]));
+    check(&|f| edit(f, &|s| s[2] = s[0].clone()), &|e| matches!(e, WeightsError::Twice { .. }));
+    check(&|f| edit(f, &|s| s.as_array_mut().unwrap().truncate(2)), &|e| matches!(e, WeightsError::MissingTensor { .. }));
+    for elsewhere in ["../one.safetensors", "/one.safetensors", "", ".."] {
+        check(&|f| edit(f, &|s| s[0]["file"] = elsewhere.into()), &|e| matches!(e, WeightsError::BadManifest { .. }));
     }
 }
 
