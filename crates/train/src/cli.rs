@@ -2,12 +2,17 @@
 
 use crate::config::{Config, ConfigError};
 use crate::device;
+use crate::export::{self, ExportError};
+use crate::import::{self, ImportError};
 use crate::interrupt;
 use crate::pipeline::{self, Ending, Pipeline, RunError};
 use crate::report::pretty;
 use crate::run_folder::{FolderError, RunFolder};
-use crate::stage::plan::{no_released_weights, released_weights};
-use clap::Parser;
+use crate::stage::plan::{CHAIRS, no_released_weights, released_weights};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, Parser, Subcommand};
+use flow::pwc::PwcConfig;
+use ops::weights::Precision;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -16,8 +21,11 @@ use std::process::ExitCode;
 ///
 /// Exit codes: 0 done, 1 failed, 2 bad usage or config, 130 stopped by Ctrl-C or SIGTERM with a checkpoint written.
 #[derive(Debug, Parser)]
-#[command(name = "train", version)]
+#[command(name = "train", version, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Arguments {
+    /// Something else than training.
+    #[command(subcommand)]
+    task: Option<Task>,
     /// Config file: a path, or a name in configs/.
     #[arg(long, value_name = "NAME", required_unless_present = "resume", conflicts_with = "resume")]
     config: Option<String>,
@@ -44,6 +52,57 @@ pub struct Arguments {
     checkpoint: Option<PathBuf>,
 }
 
+/// What to do with weights.
+#[derive(Debug, Subcommand)]
+enum Task {
+    /// Writes the nets of a finished run for other programs: safetensors, manifest, model card, PyTorch loader.
+    Export(ExportArguments),
+    /// Reads PWC-Net as Sun et al. published it from a PyTorch checkpoint into a folder of weights.
+    Import(ImportArguments),
+}
+
+#[derive(Debug, Args)]
+struct ExportArguments {
+    /// Run folder.
+    #[arg(long, value_name = "RUN")]
+    run: PathBuf,
+    /// Folder for the export; it must not exist yet.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Number type of the weights; f16 and bf16 halve the files and round.
+    #[arg(long, default_value = "f32", value_parser = precision())]
+    dtype: Precision,
+    /// Nets whose weights are larger are cut into several files; many hosts refuse files of more than 100 MB.
+    #[arg(long, value_name = "MIB", default_value_t = 95, value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
+    max_file: u64,
+    /// Replace an earlier export.
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(Debug, Args)]
+struct ImportArguments {
+    /// Checkpoint: .pth, .pt or .pth.tar of any PyTorch since 2017, or .safetensors.
+    file: PathBuf,
+    /// Folder of weights to add the net to; made if need be.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Name of the net in the folder, for example adjacent; may be repeated.
+    #[arg(long = "net", value_name = "NAME", default_value = CHAIRS)]
+    nets: Vec<String>,
+    /// Licence of the checkpoint, for the manifest.
+    #[arg(long, value_name = "TEXT")]
+    licence: Option<String>,
+    /// Replace nets of the same name.
+    #[arg(long)]
+    force: bool,
+}
+
+fn precision() -> impl TypedValueParser<Value = Precision> {
+    PossibleValuesParser::new(Precision::ALL.map(Precision::name))
+        .map(|name| Precision::ALL.into_iter().find(|p| p.name() == name).unwrap_or_default())
+}
+
 /// Why the program ends without a finished run.
 #[derive(Debug, thiserror::Error)]
 enum Failure {
@@ -51,6 +110,22 @@ enum Failure {
     Usage(String),
     #[error(transparent)]
     Run(#[from] RunError),
+    #[error(transparent)]
+    Export(ExportError),
+    #[error(transparent)]
+    Import(ImportError),
+}
+
+impl From<ExportError> for Failure {
+    fn from(error: ExportError) -> Self {
+        if error.is_usage() { Self::Usage(error.to_string()) } else { Self::Export(error) }
+    }
+}
+
+impl From<ImportError> for Failure {
+    fn from(error: ImportError) -> Self {
+        if error.is_usage() { Self::Usage(error.to_string()) } else { Self::Import(error) }
+    }
 }
 
 impl From<ConfigError> for Failure {
@@ -84,6 +159,57 @@ pub fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    match &arguments.task {
+        Some(Task::Export(arguments)) => export(arguments),
+        Some(Task::Import(arguments)) => import(arguments),
+        None => train(arguments),
+    }
+}
+
+fn export(arguments: &ExportArguments) -> Result<ExitCode, Failure> {
+    let ExportArguments { run, out, dtype, max_file, force } = arguments;
+    let request =
+        export::Request { run: run.clone(), out: out.clone(), precision: *dtype, largest_file: max_file << 20, force: *force };
+    for export::Exported { net, record, rounding } in export::export(&request)? {
+        println!("{net}: {} weights as {}; {}", record.parameters, record.precision, rounding.words(&record));
+    }
+    println!("{}: read README.md first", out.display());
+    Ok(ExitCode::SUCCESS)
+}
+
+fn import(arguments: &ImportArguments) -> Result<ExitCode, Failure> {
+    let ImportArguments { file, out, nets, licence, force } = arguments;
+    let request =
+        import::Request { file: file.clone(), out: out.clone(), nets: nets.clone(), licence: licence.clone(), force: *force };
+    let import::Imported { architecture, files } = import::import(&request)?;
+    for path in &files {
+        println!("{}: PWC-Net as published, {} weights", path.display(), architecture.parameters());
+    }
+    if licence.is_none() {
+        eprintln!(
+            "note: the manifest doesn't say under which licence these weights are; those that NVIDIA released are CC BY-NC-SA 4.0 (no commercial use). State it with --licence TEXT and --force"
+        );
+    }
+    let size = if architecture == PwcConfig::published() {
+        "size = \"published\"".to_string()
+    } else {
+        format!("architecture = {}", inline(&architecture))
+    };
+    if let Some(first) = files.first() {
+        println!("to train on from there:\n\n[flow]\n{size}\ninit = \"{}\"", first.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// An architecture on one line of TOML.
+fn inline(architecture: &PwcConfig) -> String {
+    match toml::Value::try_from(architecture) {
+        Ok(value) => value.to_string(),
+        Err(error) => format!("# {error}"),
+    }
+}
+
+fn train(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let config = match (&arguments.config, &arguments.resume) {
         (Some(name), _) => Config::load(name, &arguments.assignments)?,
         (None, Some(run)) => resumed_config(run, &arguments.assignments)?,

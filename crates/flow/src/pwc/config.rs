@@ -179,6 +179,7 @@ impl PwcConfig {
     ///
     /// Nothing reads the release's `deconv2`. Its images are BGR: the input channels of `conv1a.0.weight` are to be reversed
     /// for this net, which sees RGB. Its first version lacks the `aa` convolutions: `convs_per_level = 2`.
+    /// [`from_release`](super::release::from_release) does all of this.
     ///
     /// # Source
     /// Sun et al. 2018 and their release. Departs: the release's warp keeps samples up to 1e-4 px outside.

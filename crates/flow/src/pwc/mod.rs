@@ -6,6 +6,7 @@ pub mod conv;
 pub mod cost;
 pub mod estimator;
 pub mod pyramid;
+pub mod release;
 mod teach;
 pub mod upsample;
 

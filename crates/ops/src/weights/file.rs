@@ -32,6 +32,15 @@ impl Precision {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::F32, Self::F16, Self::Bf16];
 
+    /// What manifests and the command line call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::F16 => "f16",
+            Self::Bf16 => "bf16",
+            Self::F32 => "f32",
+        }
+    }
+
     fn dtype(self) -> Dtype {
         match self {
             Self::F16 => Dtype::F16,
@@ -51,11 +60,7 @@ impl Precision {
 
 impl std::fmt::Display for Precision {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::F16 => "f16",
-            Self::Bf16 => "bf16",
-            Self::F32 => "f32",
-        })
+        f.write_str(self.name())
     }
 }
 
@@ -91,7 +96,7 @@ pub fn load<M: Module>(module: M, path: &Path) -> Result<M, WeightsError> {
 ///
 /// # Errors
 /// As [`save`].
-pub(super) fn write_tensors<'a>(
+pub fn write_tensors<'a>(
     tensors: impl Iterator<Item = (&'a String, &'a StoredTensor)>,
     path: &Path,
     precision: Precision,
@@ -151,9 +156,7 @@ fn encode(values: &[f32], precision: Precision) -> Option<Vec<u8>> {
 fn decode(view: &TensorView<'_>, tensor: &str, path: &Path) -> Result<Vec<f32>, WeightsError> {
     let halves = || view.data().as_chunks::<2>().0.iter();
     let (precision, values): (_, Vec<f32>) = match view.dtype() {
-        Dtype::F32 => {
-            (Precision::F32, view.data().as_chunks::<4>().0.iter().map(|&b| f32::from_le_bytes(b)).collect())
-        }
+        Dtype::F32 => (Precision::F32, view.data().as_chunks::<4>().0.iter().map(|&b| f32::from_le_bytes(b)).collect()),
         Dtype::F16 => (Precision::F16, halves().map(|&b| f16::from_le_bytes(b).to_f32()).collect()),
         Dtype::BF16 => (Precision::Bf16, halves().map(|&b| bf16::from_le_bytes(b).to_f32()).collect()),
         other => {

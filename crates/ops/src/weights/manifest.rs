@@ -18,6 +18,16 @@ pub struct Manifest {
     pub format: u32,
     /// One record per net, by name.
     pub nets: BTreeMap<String, NetRecord>,
+    /// What the nets reached together.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub evaluation: BTreeMap<String, f64>,
+}
+
+impl Default for Manifest {
+    /// One without nets.
+    fn default() -> Self {
+        Self { format: MANIFEST_FORMAT, nets: BTreeMap::new(), evaluation: BTreeMap::new() }
+    }
 }
 
 /// One net of a folder.

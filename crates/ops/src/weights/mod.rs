@@ -10,7 +10,7 @@ mod manifest;
 mod module;
 
 pub use error::WeightsError;
-pub use file::{Precision, StoredTensor, Tensors, load, read_tensors, save};
+pub use file::{Precision, StoredTensor, Tensors, load, read_tensors, save, write_tensors};
 pub use manifest::{DataSource, Manifest, NetRecord, Port, Shard};
 pub use module::{fill, tensors_of};
 
@@ -21,7 +21,7 @@ use std::{
 };
 
 use burn::module::Module;
-use file::{decode_file, read, sha256, write_tensors};
+use file::{decode_file, read, sha256};
 use half::f16;
 use serde::{Serialize, de::DeserializeOwned};
 
@@ -62,25 +62,17 @@ pub fn save_net<M: Module, A: Serialize>(
     description: Description<A>,
     precision: Precision,
 ) -> Result<(), WeightsError> {
-    let manifest_path = folder.join(MANIFEST);
-    fs::create_dir_all(folder).map_err(|source| WeightsError::Write { path: folder.into(), source })?;
-    let mut manifest = match Manifest::read(folder) {
-        Ok(manifest) => manifest,
-        Err(WeightsError::Missing { .. }) => Manifest { format: MANIFEST_FORMAT, nets: BTreeMap::new() },
-        Err(other) => return Err(other),
-    };
     let architecture = serde_json::to_value(&description.architecture).map_err(|e| WeightsError::Architecture {
-        path: manifest_path.clone(),
+        path: folder.join(MANIFEST),
         net: net.into(),
         reason: e.to_string(),
     })?;
-    let sha256 = save(module, &file_of(folder, net), precision)?;
     let record = NetRecord {
         kind: description.kind.into(),
         architecture,
         precision,
         parameters: module.num_params(),
-        sha256: Some(sha256),
+        sha256: None,
         shards: Vec::new(),
         inputs: Vec::new(),
         outputs: Vec::new(),
@@ -88,6 +80,24 @@ pub fn save_net<M: Module, A: Serialize>(
         data: Vec::new(),
         metrics: description.metrics,
     };
+    add_net(folder, net, &tensors_of(module), record, u64::MAX)
+}
+
+/// Writes a net's tensors into a folder of weights, in files of up to `largest` bytes and the record's precision, and enters its
+/// record in the manifest, which is made if need be. The record's files and their SHA-256 are filled in.
+///
+/// # Errors
+/// As [`save_net`].
+pub fn add_net(folder: &Path, net: &str, tensors: &Tensors, mut record: NetRecord, largest: u64) -> Result<(), WeightsError> {
+    fs::create_dir_all(folder).map_err(|source| WeightsError::Write { path: folder.into(), source })?;
+    let mut manifest = match Manifest::read(folder) {
+        Ok(manifest) => manifest,
+        Err(WeightsError::Missing { .. }) => Manifest::default(),
+        Err(other) => return Err(other),
+    };
+    let mut shards = save_shards(folder, net, tensors, record.precision, largest)?;
+    record.sha256 = if shards.len() == 1 { shards.pop().map(|whole| whole.sha256) } else { None };
+    record.shards = shards;
     manifest.nets.insert(net.into(), record);
     manifest.write(folder)
 }
@@ -97,7 +107,7 @@ pub fn save_net<M: Module, A: Serialize>(
 ///
 /// # Errors
 /// If a file can't be written or a weight isn't finite in `precision`.
-pub fn save_shards(
+fn save_shards(
     folder: &Path,
     net: &str,
     tensors: &Tensors,

@@ -25,11 +25,7 @@ pub fn fill<M: Module>(module: M, tensors: Tensors, path: &Path) -> Result<M, We
     module.visit(&mut shapes);
     for (tensor, expected) in &shapes.found {
         let Some(stored) = tensors.get(tensor) else {
-            return Err(WeightsError::MissingTensor {
-                path: path.into(),
-                tensor: tensor.clone(),
-                expected: expected.clone(),
-            });
+            return Err(WeightsError::MissingTensor { path: path.into(), tensor: tensor.clone(), expected: expected.clone() });
         };
         if stored.shape != *expected {
             return Err(WeightsError::Shape {

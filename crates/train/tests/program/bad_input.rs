@@ -3,9 +3,9 @@
 use super::{Home, TINY};
 
 /// What is wrong, the arguments, the exit code, and what the message must contain.
-type Case<'a> = (&'a str, Vec<&'a str>, i32, Vec<&'a str>);
+pub type Case<'a> = (&'a str, Vec<&'a str>, i32, Vec<&'a str>);
 
-fn check(home: &Home, cases: &[Case<'_>]) {
+pub fn check(home: &Home, cases: &[Case<'_>]) {
     for (wrong, arguments, code, parts) in cases {
         let ended = home.run(arguments);
         assert_eq!(ended.code, Some(*code), "{wrong}: {}", ended.stderr);

@@ -1,6 +1,7 @@
 //! The real program, driven from outside: bad input, stops, kills and resumes.
 
 mod bad_input;
+mod exports;
 mod stop_and_resume;
 
 use std::path::{Path, PathBuf};

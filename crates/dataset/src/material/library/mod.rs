@@ -6,7 +6,7 @@ mod config;
 use std::sync::Arc;
 
 use rand::RngExt;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 pub use config::{InriaConfig, NpyConfig, PbrConfig, ProceduralConfig, SourceConfig};
 
@@ -87,7 +87,7 @@ struct Entry {
 }
 
 /// One line of a run's record of its materials.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ManifestEntry {
     /// Name of the material.
     pub name: String,
