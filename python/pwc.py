@@ -216,7 +216,10 @@ def soft_argmax(logits, radius):
 
 def local_contrast(images):
     """Deviation from the local mean over the local deviation, windows of 17 px with repeated borders, limited to ±3."""
-    mean = lambda x: F.avg_pool2d(F.pad(x, (8, 8, 8, 8), mode="replicate"), 17, stride=1)
+    # Rows, then columns: sums of all 289 numbers at a time would lose three digits in single precision.
+    across = lambda x: F.avg_pool2d(F.pad(x, (8, 8, 0, 0), mode="replicate"), (1, 17), stride=1)
+    down = lambda x: F.avg_pool2d(F.pad(x, (0, 0, 8, 8), mode="replicate"), (17, 1), stride=1)
+    mean = lambda x: down(across(x))
     deviation = images - mean(images)
     energy = mean((deviation**2).mean(1, keepdim=True))
     return (deviation / (energy.sqrt() + 0.02)).clamp(-3, 3)

@@ -32,6 +32,7 @@ fn main() -> Result<()> {
     arrays(&seeds)?;
     chairs(&seeds)?;
     weights(&seeds)?;
+    checkpoints(&seeds)?;
     texts(&seeds)
 }
 
@@ -156,6 +157,15 @@ fn joined(seeds: &Seeds, folder: &Path, net: &str) -> Result<()> {
     let tensors = fs::read(folder.join(format!("{net}.safetensors")))?;
     seeds.write("weights", net, &[manifest.to_string().as_bytes(), &[0], &tensors].concat())?;
     Ok(fs::remove_dir_all(folder)?)
+}
+
+/// The goldens of `train import`.
+fn checkpoints(seeds: &Seeds) -> Result<()> {
+    let goldens = Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/flow");
+    ["release", "release-first-version"].into_iter().try_for_each(|name| {
+        let path = goldens.join(name).join("pwc_net.pth.tar");
+        seeds.write("checkpoint", name, &fs::read(&path).with_context(|| format!("reading {}", path.display()))?)
+    })
 }
 
 fn texts(seeds: &Seeds) -> Result<()> {

@@ -10,6 +10,9 @@ use super::{EXAMPLES, Exported};
 /// Names of data that a card lists; the manifest has all.
 const LISTED: usize = 40;
 
+/// Figures of a class of materials or of a baseline, by the start or end of their names.
+const PARTIAL: [&str; 4] = ["_textured", "_low_texture", "constant_", "identity_"];
+
 /// The card's text.
 pub fn text(facts: &Facts, manifest: &Manifest, exported: &[Exported]) -> String {
     let mut card = String::from("---\ntags: [svbrdf, optical-flow, material-capture]\n---\n\n");
@@ -65,7 +68,12 @@ pub fn text(facts: &Facts, manifest: &Manifest, exported: &[Exported]) -> String
         card += &format!("`{net}`: {}.\n\n{}\n", rounding.words(record), table(&record.metrics));
     }
     if !manifest.evaluation.is_empty() {
-        card += &format!("All nets together on scans of materials that they never saw:\n\n{}", table(&manifest.evaluation));
+        let mut whole = manifest.evaluation.clone();
+        whole.retain(|name, _| !PARTIAL.iter().any(|part| name.starts_with(part) || name.ends_with(part)));
+        card += &format!(
+            "All nets together on scans of materials that they never saw (with and without texture apart, and the baselines: `manifest.json`):\n\n{}",
+            table(&whole)
+        );
     }
     card
 }

@@ -247,9 +247,9 @@ fn values(view: &View, storage: &[u8]) -> Result<Vec<f32>, String> {
     for _ in 0..count {
         values.push(number(at));
         for axis in (0..index.len()).rev() {
-            index[axis] += 1;
-            at += view.strides[axis];
-            if index[axis] < view.shape[axis] {
+            if index[axis] + 1 < view.shape[axis] {
+                index[axis] += 1;
+                at += view.strides[axis];
                 break;
             }
             at -= index[axis] * view.strides[axis];
@@ -340,6 +340,7 @@ mod tests {
         assert_eq!(read(&[2], &[2], 1).unwrap(), [1., 3.]);
         assert_eq!(read(&[], &[], 5).unwrap(), [5.]);
         assert_eq!(read(&[3, 0], &[1, 1], 0).unwrap(), [0.0; 0]);
+        assert_eq!(read(&[1, 2], &[usize::MAX, 1], 3).unwrap(), [3., 4.]);
         for (shape, strides, offset) in [(vec![7], vec![1], 0), (vec![1], vec![1], 6), (vec![2], vec![usize::MAX], 1)] {
             assert!(read(&shape, &strides, offset).unwrap_err().contains("beyond"));
         }
