@@ -126,15 +126,16 @@ fn save_shards(
         }
     }
     let count = parts.len();
-    let write = |(index, (_, part)): (usize, (u64, Vec<(&String, &StoredTensor)>))| {
+    let mut shards = Vec::with_capacity(count);
+    for (index, (_, part)) in parts.into_iter().enumerate() {
         let file = match count {
             1 => format!("{net}.safetensors"),
             _ => format!("{net}-{:05}-of-{count:05}.safetensors", index + 1),
         };
         let sha256 = write_tensors(part.into_iter(), &folder.join(&file), precision)?;
-        Ok(Shard { file, sha256 })
-    };
-    parts.into_iter().enumerate().map(write).collect()
+        shards.push(Shard { file, sha256 });
+    }
+    Ok(shards)
 }
 
 /// Reads a net from a folder of weights: builds it from the architecture in the manifest and fills it.
