@@ -65,7 +65,7 @@ pub fn text(facts: &Facts, manifest: &Manifest, exported: &[Exported]) -> String
     }
     card += "\nThe licence of these weights is for whoever trained them to choose, within what the data's licences allow.\n\n## Figures\n\nOf each net on materials that it never saw, and what rounding its weights changes:\n\n";
     for Exported { net, record, rounding } in exported {
-        card += &format!("`{net}`: {}.\n\n{}\n", rounding.words(record), table(&record.metrics));
+        card += &format!("`{net}`: {}.\n\n{}", rounding.words(record), table(&record.metrics));
     }
     if !manifest.evaluation.is_empty() {
         let mut whole = manifest.evaluation.clone();
@@ -93,7 +93,11 @@ fn table(figures: &BTreeMap<String, f64>) -> String {
     if figures.is_empty() {
         return String::new();
     }
-    let number = |value: f64| if value != 0.0 && value.abs() < 1e-3 { format!("{value:.2e}") } else { format!("{value:.4}") };
+    let number = |value: f64| match value.abs() {
+        size if size.fract() == 0.0 => format!("{value}"),
+        size if size < 1e-3 => format!("{value:.2e}"),
+        _ => format!("{value:.4}"),
+    };
     let rows: String = figures.iter().map(|(name, value)| format!("| `{name}` | {} |\n", number(*value))).collect();
     format!("| figure | value |\n|---|---|\n{rows}\n")
 }
