@@ -7,7 +7,10 @@ use crate::pipeline::{self, Ending, Pipeline, RunError};
 use crate::report::pretty;
 use crate::run_folder::{FolderError, RunFolder};
 use crate::stage::plan::{no_released_weights, released_weights};
-use clap::Parser;
+use crate::sweep::{self, SweepArguments};
+use crate::taken::TakenError;
+use clap::{Parser, Subcommand};
+use dataset::material::MaterialLibrary;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -16,8 +19,10 @@ use std::process::ExitCode;
 ///
 /// Exit codes: 0 done, 1 failed, 2 bad usage or config, 130 stopped by Ctrl-C or SIGTERM with a checkpoint written.
 #[derive(Debug, Parser)]
-#[command(name = "train", version)]
+#[command(name = "train", version, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
     /// Config file: a path, or a name in configs/.
     #[arg(long, value_name = "NAME", required_unless_present = "resume", conflicts_with = "resume")]
     config: Option<String>,
@@ -42,15 +47,29 @@ pub struct Arguments {
     /// With --resume: continue from this checkpoint instead of the newest.
     #[arg(long, value_name = "FILE", requires = "resume")]
     checkpoint: Option<PathBuf>,
+    /// Take over the nets that this run has trained and that would come out the same here, instead of training them again;
+    /// may be repeated.
+    #[arg(long, value_name = "RUN")]
+    nets_of: Vec<PathBuf>,
+}
+
+/// What the program does besides one run.
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Runs variants of one config with several seeds and compares them in one table.
+    Sweep(SweepArguments),
 }
 
 /// Why the program ends without a finished run.
 #[derive(Debug, thiserror::Error)]
-enum Failure {
+pub(crate) enum Failure {
     #[error("{0}")]
     Usage(String),
     #[error(transparent)]
     Run(#[from] RunError),
+    /// A sweep that ends without a table, or an engine that doesn't take it.
+    #[error("{0}")]
+    Sweep(String),
 }
 
 impl From<ConfigError> for Failure {
@@ -70,6 +89,19 @@ impl From<FolderError> for Failure {
     }
 }
 
+/// Nets of a run that don't fit are bad usage; files that fail are not.
+fn take(folder: &RunFolder, config: &Config, run: &Path) -> Result<(), Failure> {
+    match crate::taken::take(folder, config, run) {
+        Ok(stages) => {
+            eprintln!("taken from {}: {}", run.display(), stages.join(", "));
+            Ok(())
+        }
+        Err(RunError::Folder(error)) => Err(error.into()),
+        Err(error @ RunError::Taken(TakenError::Different { .. } | TakenError::Config(_))) => Err(Failure::Usage(error.to_string())),
+        Err(error) => Err(error.into()),
+    }
+}
+
 /// Runs the program.
 pub fn main() -> ExitCode {
     // clap itself exits with 2 on bad usage, 0 on --help.
@@ -83,6 +115,9 @@ pub fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    if let Some(Command::Sweep(sweep)) = &arguments.command {
+        return sweep::run(sweep);
+    }
     let config = match (&arguments.config, &arguments.resume) {
         (Some(name), _) => Config::load(name, &arguments.assignments)?,
         (None, Some(run)) => resumed_config(run, &arguments.assignments)?,
@@ -104,8 +139,10 @@ fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         )?,
     };
     if arguments.resume.is_none() {
-        describe_run(&folder, &config, arguments)?;
-        folder.write("materials.json", &pretty(&materials.manifest()).map_err(RunError::Io)?)?;
+        describe_run(&folder, &config, &arguments.device, &materials)?;
+    }
+    for other in &arguments.nets_of {
+        take(&folder, &config, other)?;
     }
     interrupt::install().map_err(|error| Failure::Usage(format!("cannot listen for Ctrl-C: {error}")))?;
     let stop = |_| interrupt::requested();
@@ -140,8 +177,11 @@ fn resumed_config(run: &Path, assignments: &[String]) -> Result<Config, Failure>
 }
 
 /// Finds missing starting weights before any work.
-fn check_start(config: &Config) -> Result<(), Failure> {
+pub(crate) fn check_start(config: &Config) -> Result<(), Failure> {
     use crate::config::FlowInit;
+    if config.svbrdf.steps > 0 && config.report.evaluate {
+        crate::report::flow_nets(config).map_err(|error| Failure::Usage(error.to_string()))?;
+    }
     let needed = config.chairs.steps == 0 && config.adjacent.steps + config.distant.steps > 0;
     match &config.flow.init {
         FlowInit::Weights if needed && released_weights().is_none() => Err(Failure::Usage(no_released_weights())),
@@ -154,7 +194,12 @@ fn check_start(config: &Config) -> Result<(), Failure> {
 }
 
 /// Writes what a person needs to repeat the run, before any work.
-fn describe_run(folder: &RunFolder, config: &Config, arguments: &Arguments) -> Result<(), Failure> {
+pub(crate) fn describe_run(
+    folder: &RunFolder,
+    config: &Config,
+    device: &str,
+    materials: &MaterialLibrary,
+) -> Result<(), Failure> {
     let started = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let run = json!({
         "name": config.run.name,
@@ -162,7 +207,7 @@ fn describe_run(folder: &RunFolder, config: &Config, arguments: &Arguments) -> R
         "revision": crate::revision::revision(),
         "version": env!("CARGO_PKG_VERSION"),
         "burn": "0.22.1",
-        "device": arguments.device,
+        "device": device,
         "seed": config.run.seed,
         "cores": std::thread::available_parallelism().map_or(0, usize::from),
         "system": std::env::consts::OS,
@@ -170,5 +215,6 @@ fn describe_run(folder: &RunFolder, config: &Config, arguments: &Arguments) -> R
     });
     folder.write("config.toml", &config.to_toml())?;
     folder.write("run.json", &pretty(&run).map_err(RunError::Io)?)?;
+    folder.write("materials.json", &pretty(&materials.manifest()).map_err(RunError::Io)?)?;
     Ok(())
 }
