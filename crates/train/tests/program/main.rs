@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod stop_and_resume;
+mod sweep;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
