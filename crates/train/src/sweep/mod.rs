@@ -82,7 +82,8 @@ pub(crate) fn run(arguments: &SweepArguments) -> Result<ExitCode, Failure> {
     let sweep = Sweep::load(&arguments.file, &arguments.assignments)?;
     let runs = plan(&sweep.members);
     let out = arguments.out.clone().unwrap_or_else(|| Path::new("runs").join(&sweep.name));
-    if !device::NAMES.contains(&arguments.device.as_str()) || arguments.engine == Engine::Local {
+    // The machines of an engine may have what this one lacks; a name that nothing has is wrong everywhere.
+    if arguments.engine == Engine::Local || !device::NAMES.contains(&arguments.device.as_str()) {
         device::open(&arguments.device).map_err(|error| Failure::Usage(error.to_string()))?;
     }
     let mut states = Vec::with_capacity(runs.len());

@@ -7,15 +7,8 @@ use crate::pipeline::RunError;
 use crate::report::pretty;
 use evaluate::comparison::{Comparison, Measured, Question, csv, markdown, svg};
 use evaluate::report::{Figures, Row};
-use serde::Deserialize;
 use serde_json::{Value, json};
 use std::path::Path;
-
-/// What is read of `report/summary.json`.
-#[derive(Deserialize)]
-struct Materials {
-    rows: Vec<Row>,
-}
 
 /// Reads what a finished run measured.
 ///
@@ -23,27 +16,33 @@ struct Materials {
 /// A report that isn't one.
 pub fn measured(out: &Path, run: &Run) -> Result<Measured, Failure> {
     let folder = out.join(&run.name);
-    let read = |path: &Path| -> Result<String, Failure> {
-        std::fs::read_to_string(path).map_err(|error| unreadable(path, &error.to_string()))
-    };
-    let path = folder.join("report.json");
-    let report: Value = serde_json::from_str(&read(&path)?).map_err(|error| unreadable(&path, &error.to_string()))?;
-    let number = |(name, value): (&String, &Value)| Some((name.clone(), value.as_f64()?));
-    let figures: Figures = report.as_object().into_iter().flatten().filter_map(number).collect();
+    let report = read(&folder.join("report.json"))?;
     // A run without an SVBRDF net has no materials to show.
     let path = folder.join("report/summary.json");
-    let materials = if path.is_file() {
-        let read: Materials = serde_json::from_str(&read(&path)?).map_err(|error| unreadable(&path, &error.to_string()))?;
-        read.rows
-    } else {
-        Vec::new()
+    let rows = if path.is_file() { read(&path)?["rows"].take() } else { Value::Null };
+    let row = |row: &Value| {
+        let textured = row["textured"].as_bool()?;
+        Some(Row { material: row["material"].as_str()?.into(), textured, figures: figures(row) })
     };
-    Ok(Measured { variant: run.row.clone(), seed: run.seed, figures, materials })
+    let materials = rows.as_array().into_iter().flatten().filter_map(row).collect();
+    Ok(Measured { variant: run.row.clone(), seed: run.seed, figures: figures(&report), materials })
+}
+
+/// All numbers of an object. A figure that is not finite (the pixel error of a scan without a valid pixel) is `null` there, and
+/// absent here.
+fn figures(object: &Value) -> Figures {
+    let number = |(name, value): (&String, &Value)| Some((name.clone(), value.as_f64()?));
+    object.as_object().into_iter().flatten().filter_map(number).collect()
+}
+
+fn read(path: &Path) -> Result<Value, Failure> {
+    let text = std::fs::read_to_string(path).map_err(|error| unreadable(path, &error.to_string()))?;
+    serde_json::from_str(&text).map_err(|error| unreadable(path, &error.to_string()))
 }
 
 fn unreadable(path: &Path, reason: &str) -> Failure {
     Failure::Usage(format!(
-        "{} can't be read as a run's report ({reason}): remove it and run the sweep again, which makes the report anew",
+        "{} can't be read as a run's report ({reason}): remove the run's report.json and run the sweep again, which makes the report anew",
         path.display()
     ))
 }
@@ -89,4 +88,15 @@ pub fn write(
         crate::atomic::write(&out.join(name), text.as_bytes()).map_err(RunError::Io)?;
     }
     Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_that_are_not_finite_are_absent() {
+        let found = figures(&json!({ "material": "a", "dssim": 0.5, "alignment_pixel_error": null }));
+        assert_eq!(found, Figures::from([("dssim".into(), 0.5)]));
+    }
 }

@@ -23,12 +23,15 @@ svbrdf.net = { dropout = 0.0 }
 
 [settings.report]
 evaluate = true
-synthetic = { textured = 2, low_texture = 1, resolution = 64, map_resolution = 16, pairs = 1, constant_videos = 2 }
 
-[settings.report.synthetic.align]
-photometric.iterations = 2
-adjust = false
-loops = false
+[settings.report.synthetic]
+textured = 2
+low_texture = 1
+resolution = 64
+map_resolution = 16
+pairs = 1
+constant_videos = 2
+align = { photometric = { iterations = 2 }, adjust = false, loops = false }
 
 [variants.full]
 
@@ -137,7 +140,6 @@ fn a_stopped_sweep_goes_on_and_ends_in_the_same_table() {
 fn a_run_that_fails_is_named_and_does_not_end_the_others() {
     let home = home();
     // What `full-seed3` shares can't be used, and neither can what waits for it.
-    home.write("prepare.toml", SWEEP);
     assert_eq!(stopped(&home, &["sweep", "sweep.toml", "--out", "out"], "start full-seed3").code, Some(130));
     home.write("out/full-seed3/progress.json", "{ broken");
     let ended = home.run(&["sweep", "sweep.toml", "--out", "out"]);
@@ -216,7 +218,7 @@ fn a_slurm_array_runs_every_folder_once() {
     assert_eq!(read(&home.path("out dir/table.csv")), read(&undisturbed().path("out/table.csv")));
 }
 
-/// A stub stands for `hq`; `tests/engines/hyperqueue.py` runs the job definition under the real server and workers.
+/// A stub stands for `hq`; `tests/engines/lost_worker.py` runs the job definition under the real server and workers.
 #[cfg(unix)]
 #[test]
 fn a_hyperqueue_job_has_one_task_per_run_that_is_not_finished() {

@@ -1,7 +1,7 @@
 """A sweep under the real HyperQueue, one of whose two workers is lost in the middle.
 
     pip install hyperqueue
-    python tests/engines/hyperqueue.py TRAIN_PROGRAM FOLDER
+    python tests/engines/lost_worker.py TRAIN_PROGRAM FOLDER
 
 Submits the tasks of `train sweep --engine hyperqueue` (HyperQueue's Python package has server and workers, but not the program
 `hq`; the job definition is read here and given to the same server by its other door), cuts the connection between the server
@@ -21,7 +21,6 @@ from hyperqueue import Job, LocalCluster
 from hyperqueue.cluster import WorkerConfig
 from hyperqueue.ffi import get_version
 from hyperqueue.ffi.protocol import ResourceRequest
-from hyperqueue.output import StdioDef
 
 SWEEP = """
 base = "spiral.toml"
@@ -29,9 +28,9 @@ seeds = [1, 2]
 [settings]
 adjacent.steps = 0
 distant.steps = 0
-checkpoint.every_steps = 5
+checkpoint.every_steps = 50
 materials = [{ type = "procedural", size = 128, count = 34 }]
-svbrdf = { steps = 60, exemplars = { resolution = 32, key_frames = [2, 2] }, net = { width = 8, levels = 3 }, median_exemplars = 4, validation_exemplars = 1 }
+svbrdf = { steps = 400, exemplars = { resolution = 32, key_frames = [2, 2] }, net = { width = 16, levels = 3 }, median_exemplars = 4, validation_exemplars = 1 }
 report.synthetic = { textured = 1, low_texture = 1, resolution = 64, map_resolution = 32, constant_videos = 4 }
 [variants.full]
 [variants.bare]
@@ -75,10 +74,11 @@ def main(train, folder):
     (folder / "sweep.toml").write_text(SWEEP)
     out = folder / "out"
     sweep = [train, "sweep", str(folder / "sweep.toml"), "--out", str(out)]
-    written = subprocess.run(sweep + ["--engine", "hyperqueue", "--cores", "1"], capture_output=True, text=True, env={"PATH": ""})
-    print(written.stderr.splitlines()[0])
+    # Without `hq` on the path the job definition is written and not submitted.
+    subprocess.run(sweep + ["--engine", "hyperqueue", "--cores", "1"], capture_output=True, env={"PATH": ""})
     definition = tomllib.loads((out / "hyperqueue.toml").read_text())
 
+    print(len(definition["task"]), "tasks")
     cluster = LocalCluster(str(folder / "server"))
     before = {descriptor for *_, descriptor in connections()}
     cluster.start_worker(WorkerConfig(cores=1))
@@ -94,7 +94,7 @@ def main(train, folder):
     client = cluster.client()
     submitted = client.submit(job)
     victim = out / "full-seed1"
-    while len(steps(victim)) < 20:
+    while len(steps(victim)) < 60:
         time.sleep(0.2)
     cluster.start_worker(WorkerConfig(cores=1))
     time.sleep(1)
@@ -103,11 +103,14 @@ def main(train, folder):
     print("all tasks finished:", client.wait_for_jobs([submitted], raise_on_error=False))
     done = steps(victim)
     print(f"full-seed1: {len(done)} steps, each once: {done == sorted(set(done))}")
+    for log in sorted((out / "logs").glob("full-seed1.*.log")):
+        shown = [line.split(" loss")[0] for line in log.read_text().splitlines() if line.startswith("svbrdf ")]
+        print(f"{log.name}: {shown[0]} to {shown[-1]}")
     table = subprocess.run(sweep + ["--table"], capture_output=True, text=True)
     print(table.stderr.strip())
     listed = subprocess.run(sweep + ["--dry-run"], capture_output=True, text=True).stdout
     print(listed.strip())
-    assert table.returncode == 0 and listed.count("finished") == len(definition["task"]) and len(done) == 60
+    assert table.returncode == 0 and listed.count("finished") == len(definition["task"]) and len(done) == 400
     print("passed")
     # The lost worker's thread may still wait for its server.
     os._exit(0)
