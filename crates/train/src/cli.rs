@@ -97,7 +97,9 @@ fn take(folder: &RunFolder, config: &Config, run: &Path) -> Result<(), Failure> 
             Ok(())
         }
         Err(RunError::Folder(error)) => Err(error.into()),
-        Err(error @ RunError::Taken(TakenError::Different { .. } | TakenError::Config(_))) => Err(Failure::Usage(error.to_string())),
+        Err(error @ RunError::Taken(TakenError::Different { .. } | TakenError::Config(_))) => {
+            Err(Failure::Usage(error.to_string()))
+        }
         Err(error) => Err(error.into()),
     }
 }

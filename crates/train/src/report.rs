@@ -78,7 +78,8 @@ pub fn flow_nets(config: &Config) -> Result<Option<PathBuf>, NoFlowNets> {
         ReportFlow::Weights => released_weights().ok_or_else(|| NoFlowNets { found: "weights".into() })?,
         ReportFlow::Folder(folder) => folder.clone(),
     };
-    let holds = Manifest::read(&folder).is_ok_and(|manifest| [ADJACENT, DISTANT].iter().all(|net| manifest.nets.contains_key(*net)));
+    let holds =
+        Manifest::read(&folder).is_ok_and(|manifest| [ADJACENT, DISTANT].iter().all(|net| manifest.nets.contains_key(*net)));
     if holds { Ok(Some(folder)) } else { Err(NoFlowNets { found: folder.display().to_string() }) }
 }
 

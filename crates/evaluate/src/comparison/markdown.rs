@@ -64,7 +64,8 @@ fn against(comparison: &Comparison, row: usize, column: usize) -> Option<String>
     let (expected, verdict) = comparison.verdict(row, column)?;
     let question = &comparison.question;
     let base = question.variants.iter().position(|(name, _)| *name == question.reference)?;
-    let ours = comparison.cells[row][column].as_ref()?.difference?.mean.value / comparison.cells[base][column].as_ref()?.mean.value;
+    let ours =
+        comparison.cells[row][column].as_ref()?.difference?.mean.value / comparison.cells[base][column].as_ref()?.mean.value;
     let theirs = expected / question.published.as_ref()?.figures.get(&question.reference)?.get(&question.figures[column])?;
     let mark = match verdict {
         Verdict::Confirmed => "✓",
@@ -77,7 +78,8 @@ fn against(comparison: &Comparison, row: usize, column: usize) -> Option<String>
 }
 
 fn counts(comparison: &Comparison) -> String {
-    let places = (0..comparison.cells.len()).flat_map(|row| (0..comparison.question.figures.len()).map(move |column| (row, column)));
+    let places =
+        (0..comparison.cells.len()).flat_map(|row| (0..comparison.question.figures.len()).map(move |column| (row, column)));
     let verdicts: Vec<Verdict> = places.filter_map(|(row, column)| Some(comparison.verdict(row, column)?.1)).collect();
     let count = |wanted| verdicts.iter().filter(|verdict| **verdict == wanted).count();
     format!(

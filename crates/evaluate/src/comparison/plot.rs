@@ -87,10 +87,16 @@ fn marks(cell: &Cell, axis: &Axis, y: f64, colour: &str) -> String {
     let mean = cell.mean.value;
     if let Some(half) = cell.mean.half_width {
         let (left, right) = (axis.place(mean - half), axis.place(mean + half));
-        text += &format!("<line x1=\"{left:.1}\" y1=\"{y:.1}\" x2=\"{right:.1}\" y2=\"{y:.1}\" stroke=\"{colour}\" stroke-width=\"2.5\" stroke-linecap=\"round\"/>\n");
+        text += &format!(
+            "<line x1=\"{left:.1}\" y1=\"{y:.1}\" x2=\"{right:.1}\" y2=\"{y:.1}\" stroke=\"{colour}\" stroke-width=\"2.5\" stroke-linecap=\"round\"/>\n"
+        );
     }
     for (_, value) in &cell.seeds {
-        text += &format!("<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"2\" fill=\"{colour}\" fill-opacity=\"0.45\"/>\n", axis.place(*value), y - 6.5);
+        text += &format!(
+            "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"2\" fill=\"{colour}\" fill-opacity=\"0.45\"/>\n",
+            axis.place(*value),
+            y - 6.5
+        );
     }
     text + &format!("<circle cx=\"{:.1}\" cy=\"{y:.1}\" r=\"4.5\" fill=\"{colour}\" stroke=\"white\"/>\n", axis.place(mean))
 }

@@ -73,7 +73,13 @@ fn a_single_seed_is_never_certain() {
 fn the_files_say_everything() {
     let comparison = comparison();
     let text = markdown(&comparison);
-    for part in ["| the full one | 0.2013 ± 0.0017 |", "**+0.0307 ± 0.0008** (p = 0.004)", "✓", "| the absent one | – |", "Of 1 published differences 1 are confirmed"] {
+    for part in [
+        "| the full one | 0.2013 ± 0.0017 |",
+        "**+0.0307 ± 0.0008** (p = 0.004)",
+        "✓",
+        "| the absent one | – |",
+        "Of 1 published differences 1 are confirmed",
+    ] {
         assert!(text.contains(part), "`{part}` is not in:\n{text}");
     }
     let table = csv(&comparison);

@@ -56,7 +56,9 @@ impl Tasks<'_> {
             let (program, arguments) = command(self.out, run, self.runs, self.device)?;
             let words = std::iter::once(program.display().to_string()).chain(arguments).map(toml::Value::String);
             // A task that starts again on another worker writes a log of its own.
-            let log = |ending: &str| toml::Value::String(logs.join(format!("{}.%{{INSTANCE_ID}}.{ending}", run.name)).display().to_string());
+            let log = |ending: &str| {
+                toml::Value::String(logs.join(format!("{}.%{{INSTANCE_ID}}.{ending}", run.name)).display().to_string())
+            };
             let deps = run.takes.iter().filter(|owner| self.due.contains(owner));
             let cpus = self.cores;
             let threads = cpus.to_string();

@@ -90,8 +90,7 @@ impl Sweep {
             for seed in &file.seeds {
                 let name = format!("{}-seed{seed}", row.name);
                 let own = Layer::of_table("sweep", "", &[], toml::toml! { run = { name = name, seed = (seed.cast_signed()) } });
-                let layers: Vec<Layer> =
-                    below.iter().chain(&row.layers).chain(&above).chain([&own]).cloned().collect();
+                let layers: Vec<Layer> = below.iter().chain(&row.layers).chain(&above).chain([&own]).cloned().collect();
                 let config = Config::from_layers(&layers)?;
                 members.push(Member { row: row.name.clone(), seed: *seed, config });
             }
@@ -374,12 +373,27 @@ normalisation = "instance"
     #[test]
     fn mistakes_are_shown_where_they_are_written() {
         for (wrong, parts) in [
-            (FILE.replace("loss.weights.top", "loss.weights.tip"), ["some.toml:13", "unknown key `tip`", "did you mean `top`?"]),
-            (FILE.replace("weights.top = 0.0", "weights.top = -1.0"), ["some.toml:13", "`svbrdf.loss.weights.top` is -1", "^^^^"]),
-            (FILE.replace("[variants.bare]", "[variants.bare]\nsvbrdf.steps = 8"), ["some.toml:13", "is 8 in row `bare`", "equal steps"]),
-            (FILE.replace("[variants.bare]", "[variants.bare]\nrun.seed = 8"), ["some.toml:13", "`run.seed` can't be set here", "`seeds`"]),
+            (
+                FILE.replace("loss.weights.top", "loss.weights.tip"),
+                ["some.toml:13", "unknown key `tip`", "did you mean `top`?"],
+            ),
+            (
+                FILE.replace("weights.top = 0.0", "weights.top = -1.0"),
+                ["some.toml:13", "`svbrdf.loss.weights.top` is -1", "^^^^"],
+            ),
+            (
+                FILE.replace("[variants.bare]", "[variants.bare]\nsvbrdf.steps = 8"),
+                ["some.toml:13", "is 8 in row `bare`", "equal steps"],
+            ),
+            (
+                FILE.replace("[variants.bare]", "[variants.bare]\nrun.seed = 8"),
+                ["some.toml:13", "`run.seed` can't be set here", "`seeds`"],
+            ),
             (FILE.replace("[1, 2]", "[1, 1]"), ["some.toml:3", "[1, 1]", "different whole numbers"]),
-            (FILE.replace("smoke.toml", "smok.toml"), ["no config file `smok.toml`", "did you mean `smoke.toml`?", "looked for"]),
+            (
+                FILE.replace("smoke.toml", "smok.toml"),
+                ["no config file `smok.toml`", "did you mean `smoke.toml`?", "looked for"],
+            ),
             (format!("reference = \"ful\"\n{FILE}"), ["some.toml:1", "no row `ful`", "did you mean `full`?"]),
             (format!("figures = [\"dsim\"]\n{FILE}"), ["some.toml:1", "no figure `dsim`", "did you mean `dssim`?"]),
             (format!("{FILE}\n[grid]\nsvbrdf.stepz = [1]\n"), ["some.toml:18", "unknown key `stepz`", "did you mean `steps`?"]),

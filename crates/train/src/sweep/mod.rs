@@ -149,13 +149,7 @@ fn list(runs: &[Run], states: &[State], out: &Path) {
 }
 
 /// Writes what the engine needs and submits it.
-fn hand_over(
-    arguments: &SweepArguments,
-    name: &str,
-    runs: &[Run],
-    states: &[State],
-    out: &Path,
-) -> Result<ExitCode, Failure> {
+fn hand_over(arguments: &SweepArguments, name: &str, runs: &[Run], states: &[State], out: &Path) -> Result<ExitCode, Failure> {
     let due: Vec<usize> = (0..runs.len()).filter(|&index| states[index] != State::Finished).collect();
     let again = format!("train sweep {} --out {} --table", arguments.file, out.display());
     if due.is_empty() {

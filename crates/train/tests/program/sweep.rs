@@ -73,7 +73,9 @@ fn a_sweep_ends_in_a_table_and_repeats_nothing() {
     let home = undisturbed();
     let out = home.path("out");
     let table = read(&out.join("table.md"));
-    for part in ["| everything |", "| bare |", "| unregular |", "over 2 seeds", "of 6 pairs", "Against nobody", "Of 1 published"] {
+    for part in
+        ["| everything |", "| bare |", "| unregular |", "over 2 seeds", "of 6 pairs", "Against nobody", "Of 1 published"]
+    {
         assert!(table.contains(part), "`{part}` is not in:\n{table}");
     }
     assert_eq!(read(&out.join("table.csv")).lines().count(), 1 + 3 * 4);
@@ -164,7 +166,16 @@ fn wrong_nets_are_not_taken() {
     assert!(ended.stderr.contains("nothing there was trained as this run would train it"), "{}", ended.stderr);
     let ended = take("out/none", "svbrdf.steps=5");
     assert!(ended.code == Some(2) && ended.stderr.contains("out/none"), "{}", ended.stderr);
-    let ended = home.run(&["--config", "tiny.toml", "--out", "other", "--set", "report.evaluate=true", "--set", "report.flow_nets=nowhere"]);
+    let ended = home.run(&[
+        "--config",
+        "tiny.toml",
+        "--out",
+        "other",
+        "--set",
+        "report.evaluate=true",
+        "--set",
+        "report.flow_nets=nowhere",
+    ]);
     assert_eq!(ended.code, Some(2), "{}", ended.stderr);
     assert!(ended.stderr.contains("`report.flow_nets` is \"nowhere\"") && !home.path("other").exists(), "{}", ended.stderr);
 }
@@ -226,7 +237,11 @@ fn a_hyperqueue_job_has_one_task_per_run_that_is_not_finished() {
     let arguments = ["sweep", "sweep.toml", "--out", "out", "--engine", "hyperqueue", "--cores", "2"];
     let absent = Ended::new(home.command(&arguments).env("PATH", "/nowhere").output().unwrap());
     assert_eq!(absent.code, Some(1));
-    assert!(absent.stderr.contains("`hq` can't be started") && absent.stderr.contains("hq job submit-file"), "{}", absent.stderr);
+    assert!(
+        absent.stderr.contains("`hq` can't be started") && absent.stderr.contains("hq job submit-file"),
+        "{}",
+        absent.stderr
+    );
     stub(&home, "hq", "echo 'Job submitted successfully, job ID: 1'");
     let ended = with_stubs(&home, &arguments);
     assert_eq!(ended.code, Some(0), "{}", ended.stderr);
