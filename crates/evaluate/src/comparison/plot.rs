@@ -10,6 +10,8 @@ const LABELS: f64 = 270.0;
 const TOP: f64 = 34.0;
 const BOTTOM: f64 = 34.0;
 const MARGIN: f64 = 24.0;
+/// Least difference that an axis shows, as a share of its values: smaller ones are rounding.
+const LEAST_ROOM: f64 = 0.02;
 /// Dark enough on white for everyone, told apart by lightness too.
 const REFERENCE: &str = "#20639b";
 const CERTAIN: &str = "#b3361b";
@@ -35,7 +37,7 @@ pub fn svg(comparison: &Comparison) -> String {
         text += &panel_of(comparison, figure, x, y);
     }
     text += &format!(
-        "<text x=\"{:.1}\" y=\"{:.1}\" fill=\"{UNCERTAIN}\" font-size=\"12\">bar: 95 % interval over seeds · small dots: single seeds · <tspan fill=\"{REFERENCE}\">blue: reference</tspan> · <tspan fill=\"{CERTAIN}\">red: differs from it (paired test and interval)</tspan></text>\n</svg>\n",
+        "<text x=\"{:.1}\" y=\"{:.1}\" fill=\"{UNCERTAIN}\" font-size=\"12\">bar: 95 % interval over seeds (arrow: goes on) · small dots: single seeds · <tspan fill=\"{REFERENCE}\">blue: reference</tspan> · <tspan fill=\"{CERTAIN}\">red: differs from it (paired test and interval)</tspan></text>\n</svg>\n",
         MARGIN,
         height - MARGIN + 6.0
     );
@@ -90,6 +92,18 @@ fn marks(cell: &Cell, axis: &Axis, y: f64, colour: &str) -> String {
         text += &format!(
             "<line x1=\"{left:.1}\" y1=\"{y:.1}\" x2=\"{right:.1}\" y2=\"{y:.1}\" stroke=\"{colour}\" stroke-width=\"2.5\" stroke-linecap=\"round\"/>\n"
         );
+        // Arrows where the paper ends before the interval does.
+        for (end, way) in [(mean - half, -1.0), (mean + half, 1.0)] {
+            if !axis.covers(end) {
+                let tip = axis.place(end) + 4.0 * way;
+                let back = tip - 6.0 * way;
+                text += &format!(
+                    "<path d=\"M{back:.1} {:.1}L{tip:.1} {y:.1}L{back:.1} {:.1}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"2\"/>\n",
+                    y - 4.0,
+                    y + 4.0
+                );
+            }
+        }
     }
     for (_, value) in &cell.seeds {
         text += &format!(
@@ -122,15 +136,19 @@ impl Axis {
     fn over<'a>(cells: impl Iterator<Item = &'a Cell> + Clone, left: f64, right: f64) -> Self {
         let values = cells.clone().flat_map(|cell| cell.seeds.iter().map(|(_, value)| *value));
         let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)));
-        let room = (high - low).max(1e-3 * high.abs()).max(1e-9);
+        let room = (high - low).max(LEAST_ROOM * high.abs()).max(1e-9);
         let ends = cells.flat_map(|cell| {
             let half = cell.mean.half_width.unwrap_or(0.0);
             [cell.mean.value - half, cell.mean.value + half]
         });
         let (first, last) = ends.fold((low, high), |(low, high), value| (low.min(value), high.max(value)));
         let (low, high) = (first.max(low - 0.5 * room), last.min(high + 0.5 * room));
-        let margin = 0.04 * (high - low).max(1e-9);
+        let margin = 0.04 * room + (room - (high - low)).max(0.0) / 2.0;
         Self { low: low - margin, high: high + margin, left, right }
+    }
+
+    fn covers(&self, value: f64) -> bool {
+        (self.low..=self.high).contains(&value)
     }
 
     /// Values beyond the ends stand at the ends.
