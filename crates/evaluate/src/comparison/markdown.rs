@@ -9,8 +9,12 @@ pub fn markdown(comparison: &Comparison) -> String {
     let reference = question.variants.iter().find(|(name, _)| *name == question.reference).map_or("", |(_, title)| title);
     let seeds = comparison.cells.iter().flatten().flatten().map(|cell| cell.seeds.len());
     let (fewest, most) = (seeds.clone().min().unwrap_or(0), seeds.max().unwrap_or(0));
-    let seeds = if fewest == most { format!("{most}") } else { format!("{fewest} to {most}") };
-    let mut text = format!("Mean ± half the 95 % interval (Student's t) over {seeds} seeds:\n\n");
+    let seeds = match (fewest, most) {
+        (1, 1) => "1 seed".to_string(),
+        (fewest, most) if fewest == most => format!("{most} seeds"),
+        (fewest, most) => format!("{fewest} to {most} seeds"),
+    };
+    let mut text = format!("Mean ± half the 95 % interval (Student's t) over {seeds}:\n\n");
     text += &table(comparison, |row, column| comparison.cells[row][column].as_ref().map(|cell| mean(&cell.mean)));
     let pairs = comparison.cells.iter().flatten().flatten().filter_map(|cell| cell.difference).map(|d| d.pairs).max();
     text += &format!(

@@ -149,7 +149,7 @@ fn a_run_that_fails_is_named_and_does_not_end_the_others() {
     for part in ["FAILED full-seed3: exit code 1", "progress.json", "FAILED bare-seed3: not run: it takes nets of full-seed3"] {
         assert!(ended.stderr.contains(part), "`{part}` is not in:\n{}", ended.stderr);
     }
-    for part in ["3 of 6 runs are not in these tables, 3 of them failed", "- full-seed3: exit code 1", "over 1 seeds"] {
+    for part in ["3 of 6 runs are not in these tables, 3 of them failed", "- full-seed3: exit code 1", "over 1 seed:"] {
         assert!(ended.stdout.contains(part), "`{part}` is not in:\n{}", ended.stdout);
     }
 }
