@@ -6,10 +6,12 @@
 pub mod adjacent;
 pub mod baseline;
 pub mod compare;
+pub mod comparison;
 pub mod materials;
 pub mod output;
 pub mod report;
 pub mod sheet;
+pub mod statistics;
 pub mod synthetic;
 pub mod table;
 

@@ -9,8 +9,11 @@ use crate::pipeline::{self, Ending, Pipeline, RunError};
 use crate::report::pretty;
 use crate::run_folder::{FolderError, RunFolder};
 use crate::stage::plan::{CHAIRS, no_released_weights, released_weights};
+use crate::sweep::{self, SweepArguments};
+use crate::taken::TakenError;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
+use dataset::material::MaterialLibrary;
 use flow::pwc::PwcConfig;
 use ops::weights::Precision;
 use serde_json::json;
@@ -50,11 +53,17 @@ pub struct Arguments {
     /// With --resume: continue from this checkpoint instead of the newest.
     #[arg(long, value_name = "FILE", requires = "resume")]
     checkpoint: Option<PathBuf>,
+    /// Take over the nets that this run has trained and that would come out the same here, instead of training them again;
+    /// may be repeated.
+    #[arg(long, value_name = "RUN")]
+    nets_of: Vec<PathBuf>,
 }
 
-/// What to do with weights.
+/// What the program does besides one run.
 #[derive(Debug, Subcommand)]
 enum Task {
+    /// Runs variants of one config with several seeds and compares them in one table.
+    Sweep(SweepArguments),
     /// Writes the nets of a finished run for other programs: safetensors, manifest, model card, PyTorch loader.
     Export(ExportArguments),
     /// Reads PWC-Net as Sun et al. published it from a PyTorch checkpoint into a folder of weights.
@@ -105,7 +114,7 @@ fn precision() -> impl TypedValueParser<Value = Precision> {
 
 /// Why the program ends without a finished run.
 #[derive(Debug, thiserror::Error)]
-enum Failure {
+pub(crate) enum Failure {
     #[error("{0}")]
     Usage(String),
     #[error(transparent)]
@@ -114,6 +123,9 @@ enum Failure {
     Export(ExportError),
     #[error(transparent)]
     Import(ImportError),
+    /// A sweep that ends without a table, or an engine that doesn't take it.
+    #[error("{0}")]
+    Sweep(String),
 }
 
 impl From<ExportError> for Failure {
@@ -145,6 +157,21 @@ impl From<FolderError> for Failure {
     }
 }
 
+/// Nets of a run that don't fit are bad usage; files that fail are not.
+fn take(folder: &RunFolder, config: &Config, run: &Path) -> Result<(), Failure> {
+    match crate::taken::take(folder, config, run) {
+        Ok(stages) => {
+            eprintln!("taken from {}: {}", run.display(), stages.join(", "));
+            Ok(())
+        }
+        Err(RunError::Folder(error)) => Err(error.into()),
+        Err(error @ RunError::Taken(TakenError::Different { .. } | TakenError::Config(_))) => {
+            Err(Failure::Usage(error.to_string()))
+        }
+        Err(error) => Err(error.into()),
+    }
+}
+
 /// Runs the program.
 pub fn main() -> ExitCode {
     ops::process::keep_memory();
@@ -162,6 +189,7 @@ fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     match &arguments.task {
         Some(Task::Export(arguments)) => export(arguments),
         Some(Task::Import(arguments)) => import(arguments),
+        Some(Task::Sweep(arguments)) => sweep::run(arguments),
         None => train(arguments),
     }
 }
@@ -231,8 +259,10 @@ fn train(arguments: &Arguments) -> Result<ExitCode, Failure> {
         )?,
     };
     if arguments.resume.is_none() {
-        describe_run(&folder, &config, arguments)?;
-        folder.write("materials.json", &pretty(&materials.manifest()).map_err(RunError::Io)?)?;
+        describe_run(&folder, &config, &arguments.device, &materials)?;
+    }
+    for other in &arguments.nets_of {
+        take(&folder, &config, other)?;
     }
     interrupt::install().map_err(|error| Failure::Usage(format!("cannot listen for Ctrl-C: {error}")))?;
     let stop = |_| interrupt::requested();
@@ -267,8 +297,11 @@ fn resumed_config(run: &Path, assignments: &[String]) -> Result<Config, Failure>
 }
 
 /// Finds missing starting weights before any work.
-fn check_start(config: &Config) -> Result<(), Failure> {
+pub(crate) fn check_start(config: &Config) -> Result<(), Failure> {
     use crate::config::FlowInit;
+    if config.svbrdf.steps > 0 && config.report.evaluate {
+        crate::report::flow_nets(config).map_err(|error| Failure::Usage(error.to_string()))?;
+    }
     let needed = config.chairs.steps == 0 && config.adjacent.steps + config.distant.steps > 0;
     match &config.flow.init {
         FlowInit::Weights if needed && released_weights().is_none() => Err(Failure::Usage(no_released_weights())),
@@ -281,7 +314,12 @@ fn check_start(config: &Config) -> Result<(), Failure> {
 }
 
 /// Writes what a person needs to repeat the run, before any work.
-fn describe_run(folder: &RunFolder, config: &Config, arguments: &Arguments) -> Result<(), Failure> {
+pub(crate) fn describe_run(
+    folder: &RunFolder,
+    config: &Config,
+    device: &str,
+    materials: &MaterialLibrary,
+) -> Result<(), Failure> {
     let started = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let run = json!({
         "name": config.run.name,
@@ -289,7 +327,7 @@ fn describe_run(folder: &RunFolder, config: &Config, arguments: &Arguments) -> R
         "revision": crate::revision::revision(),
         "version": env!("CARGO_PKG_VERSION"),
         "burn": "0.22.1",
-        "device": arguments.device,
+        "device": device,
         "seed": config.run.seed,
         "cores": std::thread::available_parallelism().map_or(0, usize::from),
         "system": std::env::consts::OS,
@@ -297,5 +335,6 @@ fn describe_run(folder: &RunFolder, config: &Config, arguments: &Arguments) -> R
     });
     folder.write("config.toml", &config.to_toml())?;
     folder.write("run.json", &pretty(&run).map_err(RunError::Io)?)?;
+    folder.write("materials.json", &pretty(&materials.manifest()).map_err(RunError::Io)?)?;
     Ok(())
 }

@@ -4,6 +4,7 @@ use crate::pipeline::RunError;
 use crate::run_folder::RunFolder;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::path::Path;
 
 const FILE: &str = "progress.json";
 
@@ -40,7 +41,15 @@ impl Finished {
     /// # Errors
     /// A file that isn't such a record.
     pub fn read(folder: &RunFolder) -> Result<Self, RunError> {
-        let path = folder.path().join(FILE);
+        Self::of_run(folder.path())
+    }
+
+    /// Reads the record of a run that another process may be writing.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn of_run(run: &Path) -> Result<Self, RunError> {
+        let path = run.join(FILE);
         match std::fs::read_to_string(&path) {
             Ok(text) => serde_json::from_str(&text).map_err(|error| RunError::Finished { path, reason: error.to_string() }),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Self::default()),

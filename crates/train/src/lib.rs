@@ -22,3 +22,5 @@ pub mod revision;
 pub mod run_folder;
 pub mod run_loop;
 pub mod stage;
+pub mod sweep;
+pub mod taken;

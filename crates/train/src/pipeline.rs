@@ -9,6 +9,7 @@ use crate::run_folder::{FolderError, RunFolder};
 use crate::run_loop::{Outcome, Surroundings, TrainError, Trained, train};
 use crate::stage::plan::{CHAIRS, Plan};
 use crate::stage::{Stage, StageError};
+use crate::taken::TakenError;
 use burn::tensor::Device;
 use dataset::material::{LibraryError, MaterialLibrary};
 use evaluate::EvaluateError;
@@ -46,6 +47,12 @@ pub enum RunError {
     /// The evaluation at the end.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
+    /// Flow nets for the evaluation.
+    #[error(transparent)]
+    FlowNets(#[from] report::NoFlowNets),
+    /// Nets of another run.
+    #[error(transparent)]
+    Taken(#[from] TakenError),
     /// The record of finished stages.
     #[error("{} can't be read as the record of finished stages: {reason}", path.display())]
     Finished {
@@ -110,7 +117,62 @@ pub fn fingerprint(config: &Config) -> String {
     deciding.run.material_cache_mib = defaults.run.material_cache_mib;
     deciding.checkpoint = defaults.checkpoint;
     deciding.report = defaults.report;
-    Sha256::digest(deciding.to_toml()).iter().map(|byte| format!("{byte:02x}")).collect()
+    digest(&deciding)
+}
+
+/// Digest of what decides the results of one part's stages: where it is the same, two runs train the same nets.
+pub fn part_fingerprint(config: &Config, part: Part) -> String {
+    let mut deciding = config.clone();
+    let defaults = Config::default();
+    match part {
+        Part::Flow => deciding.svbrdf = defaults.svbrdf,
+        Part::Svbrdf => {
+            (deciding.flow, deciding.chairs) = (defaults.flow, defaults.chairs);
+            (deciding.adjacent, deciding.distant) = (defaults.adjacent, defaults.distant);
+        }
+    }
+    fingerprint(&deciding)
+}
+
+fn digest(config: &Config) -> String {
+    Sha256::digest(config.to_toml()).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Stages that depend on each other, and on no stage of the other part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// `chairs`, `adjacent` and `distant`.
+    Flow,
+    /// `svbrdf`.
+    Svbrdf,
+}
+
+impl Part {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Flow, Self::Svbrdf];
+
+    /// Its stages in the order in which they run.
+    pub fn stages(self) -> &'static [&'static str] {
+        match self {
+            Self::Flow => &[CHAIRS, ADJACENT, DISTANT],
+            Self::Svbrdf => &[svbrdf::weights::NAME],
+        }
+    }
+
+    /// Those of its stages that a config trains.
+    pub fn trained(self, config: &Config) -> Vec<&'static str> {
+        self.stages().iter().copied().filter(|stage| steps_of(config, stage) > 0).collect()
+    }
+}
+
+/// Steps of a stage.
+pub fn steps_of(config: &Config, stage: &str) -> usize {
+    match stage {
+        CHAIRS => config.chairs.steps,
+        ADJACENT => config.adjacent.steps,
+        DISTANT => config.distant.steps,
+        _ => config.svbrdf.steps,
+    }
 }
 
 impl Pipeline<'_> {
@@ -126,9 +188,7 @@ impl Pipeline<'_> {
             Box::new(Previews { folder: self.folder.previews() }),
             Box::new(TensorBoard::new(&self.folder.tensorboard())),
         ];
-        let Config { chairs, adjacent, distant, svbrdf, .. } = self.config;
-        let flow_stages = [(CHAIRS, chairs.steps), (ADJACENT, adjacent.steps), (DISTANT, distant.steps)];
-        for (name, _) in flow_stages.into_iter().filter(|(_, steps)| *steps > 0) {
+        for name in Part::Flow.trained(self.config) {
             if finished.has(name) {
                 continue;
             }
@@ -144,7 +204,7 @@ impl Pipeline<'_> {
                 return Ok(stopped);
             }
         }
-        if svbrdf.steps > 0 && !finished.has(svbrdf::weights::NAME) {
+        if self.config.svbrdf.steps > 0 && !finished.has(svbrdf::weights::NAME) {
             let save = |net: &_, training, metrics| {
                 svbrdf::weights::save(&self.folder.weights(), net, training, metrics, Precision::F32)
             };

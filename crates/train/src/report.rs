@@ -1,18 +1,20 @@
 //! `report.json`: what the run reached on materials it never saw, and what it cost.
 
-use crate::config::Config;
+use crate::config::{Config, ReportFlow};
 use crate::finished::Finished;
 use crate::pipeline::RunError;
 use crate::run_folder::RunFolder;
+use crate::stage::plan::released_weights;
 use burn::tensor::Device;
 use dataset::image_io::Overwrite;
 use dataset::material::MaterialLibrary;
 use evaluate::report::Figures;
 use evaluate::synthetic;
-use flow::weights::{ADJACENT, DISTANT};
+use flow::weights::{ADJACENT, DISTANT, Manifest};
 use scan::nets::ScanNets;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
+use std::path::PathBuf;
 
 /// Figures that stages measured, as (stage, its name there, its name in the report).
 const FROM_STAGES: [(&str, &str, &str); 8] = [
@@ -43,7 +45,11 @@ pub fn evaluate_nets(
         return Ok(None);
     }
     let weights = folder.weights();
-    let flow = |name, steps| (steps > 0).then(|| flow::weights::load(&weights, name, device).map(|(net, _)| net)).transpose();
+    let others = flow_nets(config)?;
+    let flow = |name, steps| {
+        let nets = if steps > 0 { Some(&weights) } else { others.as_ref() };
+        nets.map(|folder| flow::weights::load(folder, name, device).map(|(net, _)| net)).transpose()
+    };
     let method = ScanNets {
         adjacent: flow(ADJACENT, config.adjacent.steps)?,
         distant: flow(DISTANT, config.distant.steps)?,
@@ -60,6 +66,30 @@ pub fn evaluate_nets(
     let tables = folder.path().join("report");
     std::fs::create_dir_all(&tables)?;
     Ok(Some(evaluate::output::write(&results, &tables, Overwrite::Allow)?))
+}
+
+/// The folder of flow nets that align the report's scans where the run trains none of its own.
+///
+/// # Errors
+/// A folder that lacks one of them, in words for a person.
+pub fn flow_nets(config: &Config) -> Result<Option<PathBuf>, NoFlowNets> {
+    let folder = match &config.report.flow_nets {
+        ReportFlow::None => return Ok(None),
+        ReportFlow::Weights => released_weights().ok_or_else(|| NoFlowNets { found: "weights".into() })?,
+        ReportFlow::Folder(folder) => folder.clone(),
+    };
+    let holds =
+        Manifest::read(&folder).is_ok_and(|manifest| [ADJACENT, DISTANT].iter().all(|net| manifest.nets.contains_key(*net)));
+    if holds { Ok(Some(folder)) } else { Err(NoFlowNets { found: folder.display().to_string() }) }
+}
+
+/// `report.flow_nets` leads nowhere.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "`report.flow_nets` is \"{found}\", but there is no manifest.json with the nets {ADJACENT} and {DISTANT} in that folder: expected `none`, `weights` (those that ship, here or in the workspace) or a folder of weights as a run leaves it"
+)]
+pub struct NoFlowNets {
+    found: String,
 }
 
 /// Writes `report.json`; the figures of the evaluation stand above those that single stages measured.

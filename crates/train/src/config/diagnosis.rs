@@ -36,9 +36,13 @@ impl Diagnosis {
 
     /// Turns an error of the TOML reader into one with a suggestion.
     pub fn from_toml(origin: &str, source: &str, error: &toml::de::Error) -> Self {
-        let message = error.message().to_string();
-        let (message, help) = explain(&message);
-        Self::at(origin, source, error.span(), message, help)
+        Self::of_toml_message(origin, source, error.span(), error.message())
+    }
+
+    /// A message of the TOML reader at a place that only the caller knows.
+    pub fn of_toml_message(origin: &str, source: &str, span: Option<Range<usize>>, message: &str) -> Self {
+        let (message, help) = explain(message);
+        Self::at(origin, source, span, message, help)
     }
 }
 

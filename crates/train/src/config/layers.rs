@@ -7,10 +7,23 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
 /// One source of settings, with its text for error messages.
+#[derive(Clone)]
 pub struct Layer {
     origin: String,
     text: String,
     table: toml::Table,
+    place: Place,
+}
+
+/// Where in its text a layer's keys stand.
+#[derive(Clone)]
+enum Place {
+    /// From the top.
+    Whole,
+    /// In the table of this path.
+    Under(Vec<String>),
+    /// All at one place.
+    Span(Range<usize>),
 }
 
 impl Layer {
@@ -21,7 +34,54 @@ impl Layer {
         let mut table: toml::Table =
             text.parse().map_err(|error| ConfigError::Text(Box::new(Diagnosis::from_toml(&origin, &text, &error))))?;
         table.remove("extends");
-        Ok((Self { origin, text, table }, config.extends))
+        Ok((Self { origin, text, table, place: Place::Whole }, config.extends))
+    }
+
+    /// A table inside a larger text, whose keys were checked when that text was read.
+    pub fn of_table(origin: &str, text: &str, path: &[&str], table: toml::Table) -> Self {
+        let place = Place::Under(path.iter().map(ToString::to_string).collect());
+        Self { origin: origin.into(), text: text.into(), table, place }
+    }
+
+    /// One value for a dotted key, written at `span` of a larger text; checked here.
+    ///
+    /// # Errors
+    /// No such key, or a value of the wrong type.
+    pub fn of_value(
+        origin: &str,
+        text: &str,
+        span: Range<usize>,
+        key: &[String],
+        value: toml::Value,
+    ) -> Result<Self, ConfigError> {
+        let nest = |value, name: &String| toml::Value::Table(toml::Table::from_iter([(name.clone(), value)]));
+        let toml::Value::Table(table) = key.iter().rev().fold(value, nest) else {
+            unreachable!("a key has at least one part");
+        };
+        if let Err(error) = Config::deserialize(table.clone()) {
+            let shown = Diagnosis::of_toml_message(origin, text, Some(span), error.message());
+            return Err(ConfigError::Text(Box::new(shown)));
+        }
+        Ok(Self { origin: origin.into(), text: text.into(), table, place: Place::Span(span) })
+    }
+
+    /// Where a key is written in this layer.
+    pub fn span(&self, key: &str) -> Option<Range<usize>> {
+        let parts = key.split('.');
+        match &self.place {
+            Place::Whole => span_of(&self.text, parts),
+            Place::Under(path) => span_of(&self.text, path.iter().map(String::as_str).chain(parts)),
+            Place::Span(span) => {
+                let mut table = &self.table;
+                for part in parts {
+                    match table.get(part)? {
+                        toml::Value::Table(inner) => table = inner,
+                        _ => break,
+                    }
+                }
+                Some(span.clone())
+            }
+        }
     }
 }
 
@@ -50,7 +110,7 @@ pub fn read(path: &Path) -> Result<Vec<Layer>, ConfigError> {
 }
 
 /// `extends` names a file beside the one that extends it, or one that `--config` would find.
-fn beside(path: &Path, name: &str) -> Result<PathBuf, ConfigError> {
+pub fn beside(path: &Path, name: &str) -> Result<PathBuf, ConfigError> {
     let sibling = path.parent().unwrap_or(Path::new("")).join(name);
     if sibling.is_file() { Ok(sibling) } else { lookup::find(name) }
 }
@@ -94,18 +154,19 @@ fn overlay(base: &mut toml::Table, top: &toml::Table) {
 pub fn locate(layers: &[Layer], problem: &Invalid) -> Diagnosis {
     let help = Vec::from_iter(problem.expected.clone());
     for layer in layers.iter().rev() {
-        if let Some(span) = span_of(&layer.text, &problem.key) {
+        if let Some(span) = layer.span(&problem.key) {
             return Diagnosis::at(&layer.origin, &layer.text, Some(span), problem.found.clone(), help);
         }
     }
     Diagnosis::at("default", "", None, problem.found.clone(), help)
 }
 
-fn span_of(text: &str, key: &str) -> Option<Range<usize>> {
+/// Where the value of a key stands in a text, or the nearest value that holds it.
+pub fn span_of<'a>(text: &str, key: impl Iterator<Item = &'a str>) -> Option<Range<usize>> {
     let root = DeTable::parse(text).ok()?;
     let mut table = root.get_ref();
     let mut span = None;
-    for part in key.split('.') {
+    for part in key {
         let (_, value) = table.iter().find(|(name, _)| name.get_ref() == part)?;
         span = Some(value.span());
         match value.get_ref() {

@@ -4,8 +4,8 @@
 //! and `--set table.key=value` lies on top. Each layer is checked by itself, so an error points at the file, line and
 //! column where the key was written.
 
-mod diagnosis;
-mod layers;
+pub(crate) mod diagnosis;
+pub(crate) mod layers;
 mod lookup;
 mod optimisation;
 mod tables;
@@ -15,7 +15,7 @@ pub use diagnosis::Diagnosis;
 pub use lookup::{config_folders, find};
 pub use optimisation::{Adam, Optimisation, Schedule, Teaching};
 pub use tables::{
-    ChairsStage, Checkpointing, Config, FlowInit, FlowSize, FlowTable, OnNan, PairStage, Report, Run, SvbrdfStage,
+    ChairsStage, Checkpointing, Config, FlowInit, FlowSize, FlowTable, OnNan, PairStage, Report, ReportFlow, Run, SvbrdfStage,
 };
 pub use validate::Invalid;
 
@@ -66,15 +66,10 @@ impl Config {
     /// A file that isn't there, an unknown key, a wrong type or an impossible value; see [`ConfigError`].
     pub fn load(name: &str, assignments: &[String]) -> Result<Self, ConfigError> {
         let path = find(name)?;
-        let mut layers = layers::read(&path)?;
-        for assignment in assignments {
-            layers.push(layers::from_assignment(assignment)?);
-        }
-        let mut config = layers::merge(&layers)?;
+        let mut config = Self::from_file(&path, assignments)?;
         if config.run.name.is_empty() {
             config.run.name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         }
-        check(&config, &layers)?;
         Ok(config)
     }
 
@@ -87,8 +82,13 @@ impl Config {
         for assignment in assignments {
             layers.push(layers::from_assignment(assignment)?);
         }
-        let config = layers::merge(&layers)?;
-        check(&config, &layers)?;
+        Self::from_layers(&layers)
+    }
+
+    /// Lays layers over each other and validates the result.
+    pub(crate) fn from_layers(layers: &[layers::Layer]) -> Result<Self, ConfigError> {
+        let config = layers::merge(layers)?;
+        check(&config, layers)?;
         Ok(config)
     }
 

@@ -299,19 +299,54 @@ impl Default for SvbrdfStage {
     }
 }
 
+/// Which flow nets the report aligns with where the run trained none of its own.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(from = "String", into = "String")]
+pub enum ReportFlow {
+    /// None: the alignment works with its classical candidates alone.
+    #[default]
+    None,
+    /// Those that ship in `weights/`.
+    Weights,
+    /// Those of a folder of weights.
+    Folder(std::path::PathBuf),
+}
+
+impl From<String> for ReportFlow {
+    fn from(text: String) -> Self {
+        match text.as_str() {
+            "none" => Self::None,
+            "weights" => Self::Weights,
+            _ => Self::Folder(text.into()),
+        }
+    }
+}
+
+impl From<ReportFlow> for String {
+    fn from(nets: ReportFlow) -> Self {
+        match nets {
+            ReportFlow::None => "none".into(),
+            ReportFlow::Weights => "weights".into(),
+            ReportFlow::Folder(path) => path.display().to_string(),
+        }
+    }
+}
+
 /// `[report]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Report {
     /// Whether the trained nets are evaluated together on scans of held-out materials at the end.
     pub evaluate: bool,
+    /// Which flow nets align the scans where this run trains none: `none`, `weights` (those that ship) or a folder of weights.
+    pub flow_nets: ReportFlow,
     /// The protocol.
     pub synthetic: SyntheticConfig,
 }
 
 impl Default for Report {
     fn default() -> Self {
-        Self { evaluate: true, synthetic: SyntheticConfig::default() }
+        Self { evaluate: true, flow_nets: ReportFlow::None, synthetic: SyntheticConfig::default() }
     }
 }
 

@@ -3,6 +3,7 @@
 mod bad_input;
 mod exports;
 mod stop_and_resume;
+mod sweep;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
