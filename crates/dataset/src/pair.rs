@@ -7,6 +7,7 @@ use rand::seq::SliceRandom;
 use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 
+use crate::material::texture::Texture;
 use crate::sequence::{FrameWarp, Sequence};
 
 /// Overlaps narrower than this teach nothing (§5).
@@ -211,7 +212,7 @@ impl FlowPair {
         }
         let [first, second] = images;
         let (flow, valid) = warp.flow([first.height, first.width], [second.height, second.width]);
-        Self { flow, valid, first, second, material: video.material().to_owned(), textured: video.textured() }
+        Self { flow, valid, first, second, material: video.material().to_owned(), textured: video.texture() == Texture::Rich }
     }
 }
 

@@ -2,14 +2,16 @@
 
 use std::collections::BTreeMap;
 
+use dataset::material::texture::Texture;
 use flow::align::metrics::{AlignmentMetrics, summarise};
 use serde::{Deserialize, Serialize};
 use svbrdf::metrics::{MapErrors, RenderErrors};
 
 use crate::synthetic::{Errors, MaterialResult};
 
-/// Figures by name. A name that ends in `_textured` or `_low_texture` is measured on those materials alone; without such an
-/// ending, on all. A figure that can't be measured (no such material, no net) is absent.
+/// Figures by name. A name that ends in `_textured`, `_low_texture` or `_featureless` is measured on those materials alone;
+/// without such an ending, on all that show something to align by. A figure that can't be measured (no such material, no net)
+/// is absent.
 pub type Figures = BTreeMap<String, f64>;
 
 /// One line of the table per material.
@@ -17,18 +19,24 @@ pub type Figures = BTreeMap<String, f64>;
 pub struct Row {
     /// Name of the material.
     pub material: String,
-    /// Whether it carries visible texture.
-    pub textured: bool,
+    /// What it shows to align by.
+    pub texture: Texture,
     /// Its figures.
     #[serde(flatten)]
     pub figures: Figures,
 }
 
-/// The summary over all, textured and low-texture materials.
+/// The summary over all materials but featureless ones, and over each class.
 pub fn summary(results: &[MaterialResult]) -> Figures {
     let mut figures = Figures::new();
-    let class = |textured: bool| results.iter().filter(|r| r.textured == textured).collect::<Vec<_>>();
-    for (ending, group) in [("", results.iter().collect()), ("_textured", class(true)), ("_low_texture", class(false))] {
+    let groups: [(&str, &[Texture]); 4] = [
+        ("", &[Texture::Rich, Texture::Faint]),
+        ("_textured", &[Texture::Rich]),
+        ("_low_texture", &[Texture::Faint]),
+        ("_featureless", &[Texture::Absent]),
+    ];
+    for (ending, textures) in groups {
+        let group: Vec<&MaterialResult> = results.iter().filter(|r| textures.contains(&r.texture)).collect();
         for (name, value) in group_figures(&group) {
             figures.insert(format!("{name}{ending}"), value);
         }
@@ -40,7 +48,7 @@ pub fn summary(results: &[MaterialResult]) -> Figures {
 pub fn rows(results: &[MaterialResult]) -> Vec<Row> {
     let row = |r: &MaterialResult| Row {
         material: r.material.clone(),
-        textured: r.textured,
+        texture: r.texture,
         figures: group_figures(&[r]).into_iter().map(|(n, v)| (n.to_string(), v)).collect(),
     };
     results.iter().map(row).collect()

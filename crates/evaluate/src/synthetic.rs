@@ -5,6 +5,7 @@ use std::sync::Arc;
 use dataset::material::augment::AugmentConfig;
 use dataset::material::library::MaterialLibrary;
 use dataset::material::stored::Material;
+use dataset::material::texture::Texture;
 use dataset::sequence::{Sequence, SequenceConfig};
 use dataset::stream::Stream;
 use flow::align::metrics::ScanErrors;
@@ -31,8 +32,10 @@ use crate::materials::held_out;
 pub struct SyntheticConfig {
     /// Held-out materials with visible texture.
     pub textured: usize,
-    /// Held-out materials without.
+    /// Held-out materials with a little.
     pub low_texture: usize,
+    /// Held-out materials that show nothing to align by; they are measured apart.
+    pub featureless: usize,
     /// Side of the frames that are aligned, in pixels.
     pub resolution: usize,
     /// Side of the maps, in pixels.
@@ -54,6 +57,7 @@ impl Default for SyntheticConfig {
         Self {
             textured: 8,
             low_texture: 4,
+            featureless: 2,
             resolution: 256,
             map_resolution: 256,
             pairs: 8,
@@ -66,6 +70,15 @@ impl Default for SyntheticConfig {
 }
 
 impl SyntheticConfig {
+    /// How many materials of a class are measured at most.
+    pub fn most(&self, texture: Texture) -> usize {
+        match texture {
+            Texture::Rich => self.textured,
+            Texture::Faint => self.low_texture,
+            Texture::Absent => self.featureless,
+        }
+    }
+
     /// Checks the values before any work.
     ///
     /// # Errors
@@ -104,8 +117,8 @@ pub struct Errors {
 pub struct MaterialResult {
     /// Its name.
     pub material: String,
-    /// Whether it carries visible texture.
-    pub textured: bool,
+    /// What it shows to align by.
+    pub texture: Texture,
     /// The `adjacent` net; `None` without a net.
     pub adjacent: Option<AdjacentErrors>,
     /// Automatic alignment.
@@ -151,7 +164,7 @@ pub fn run(
     let streams = Stream::new(config.seed);
     let constants = constant_maps(library, &spirals(), &streams, config.constant_videos)?;
     let mut results = Vec::new();
-    for (video, material) in held_out(library, config.textured, config.low_texture)?.into_iter().enumerate() {
+    for (video, material) in held_out(library, |texture| config.most(texture))?.into_iter().enumerate() {
         let scan = TestScan::new(material, &streams, video as u64, config);
         let result = scan.measure(method, &constants)?;
         let go_on = progress(&result);
@@ -191,7 +204,7 @@ impl<'a> TestScan<'a> {
         let dropped = alignment.key_frames.iter().filter(|k| !k.aligned()).count();
         Ok(MaterialResult {
             material: self.video.material().to_string(),
-            textured: self.video.textured(),
+            texture: self.video.texture(),
             adjacent: method.adjacent.as_ref().and_then(|net| adjacent_errors(net, &self.pairs())),
             alignment: ScanErrors::new(&alignment, &exact, size),
             identity: ScanErrors::of_homographies(&still, &exact, size, size),

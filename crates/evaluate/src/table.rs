@@ -1,5 +1,7 @@
 //! Tables as CSV and Markdown.
 
+use dataset::material::texture::Texture;
+
 use crate::report::{Figures, Row};
 
 /// Columns that the Markdown table shows, with their headings.
@@ -20,12 +22,12 @@ const COLUMNS: [(&str, &str); 11] = [
 /// All figures of all rows, comma-separated, one line per material.
 pub fn csv(rows: &[Row]) -> String {
     let names: std::collections::BTreeSet<&String> = rows.iter().flat_map(|r| r.figures.keys()).collect();
-    let mut text = format!("material,textured,{}\n", names.iter().map(|n| n.as_str()).collect::<Vec<_>>().join(","));
+    let mut text = format!("material,texture,{}\n", names.iter().map(|n| n.as_str()).collect::<Vec<_>>().join(","));
     for row in rows {
         let cells: Vec<String> =
             names.iter().map(|n| row.figures.get(*n).map_or_else(String::new, |v| format!("{v:.6}"))).collect();
         // Material names come from folder names and may hold anything.
-        text += &format!("\"{}\",{},{}\n", row.material.replace('"', "\"\""), row.textured, cells.join(","));
+        text += &format!("\"{}\",{},{}\n", row.material.replace('"', "\"\""), name(row.texture), cells.join(","));
     }
     text
 }
@@ -41,16 +43,30 @@ pub fn markdown(rows: &[Row], summary: &Figures) -> String {
         COLUMNS.iter().map(|(name, _)| get(name).map_or_else(|| " – |".into(), |v| format!(" {v:.4} |"))).collect()
     };
     for row in rows {
-        let texture = if row.textured { "yes" } else { "low" };
-        let name = row.material.replace('|', "\\|");
-        text += &format!("| {name} | {texture} |{}\n", cells(&|n| row.figures.get(n).copied()));
+        let texture = name(row.texture);
+        let material = row.material.replace('|', "\\|");
+        text += &format!("| {material} | {texture} |{}\n", cells(&|n| row.figures.get(n).copied()));
     }
-    for (label, ending) in [("**all**", ""), ("**textured**", "_textured"), ("**low texture**", "_low_texture")] {
+    let groups = [
+        ("**textured or low**", ""),
+        ("**textured**", "_textured"),
+        ("**low texture**", "_low_texture"),
+        ("**featureless**", "_featureless"),
+    ];
+    for (label, ending) in groups {
         let get = |n: &str| summary.get(&format!("{n}{ending}")).copied();
         text += &format!("| {label} | |{}\n", cells(&get));
     }
     text += &format!("\nMaps: {}. Distances in pixels at a width of 1024.\n", ratios(summary));
     text
+}
+
+fn name(texture: Texture) -> &'static str {
+    match texture {
+        Texture::Rich => "yes",
+        Texture::Faint => "low",
+        Texture::Absent => "none",
+    }
 }
 
 fn ratios(summary: &Figures) -> String {
@@ -71,9 +87,9 @@ mod tests {
     #[test]
     fn tables_hold_every_material_and_quote_names() {
         let figures = Figures::from([("diffuse_l1".into(), 0.125), ("other".into(), 2.0)]);
-        let rows = vec![Row { material: "a|b, \"c\"".into(), textured: true, figures: figures.clone() }];
+        let rows = vec![Row { material: "a|b, \"c\"".into(), texture: Texture::Rich, figures: figures.clone() }];
         let text = csv(&rows);
-        assert_eq!(text, "material,textured,diffuse_l1,other\n\"a|b, \"\"c\"\"\",true,0.125000,2.000000\n");
+        assert_eq!(text, "material,texture,diffuse_l1,other\n\"a|b, \"\"c\"\"\",yes,0.125000,2.000000\n");
         let text = markdown(&rows, &figures);
         assert!(text.contains("| a\\|b, \"c\" | yes |") && text.contains(" 0.1250 |"));
         assert_eq!(

@@ -57,7 +57,7 @@ pub fn evaluate_nets(
         device: device.clone(),
     };
     let protocol = &config.report.synthetic;
-    let (total, mut done) = (protocol.textured + protocol.low_texture, 0);
+    let (total, mut done) = (protocol.textured + protocol.low_texture + protocol.featureless, 0);
     let results = synthetic::run(library, &method, protocol, |result| {
         done += 1;
         eprintln!("report {done}/{total} {}", result.material);

@@ -4,8 +4,7 @@ use crate::config::{Config, ConfigError};
 use crate::finished::Finished;
 use crate::pipeline::{Part, RunError, part_fingerprint};
 use crate::run_folder::{FolderError, RunFolder};
-use ops::weights::{MANIFEST, MANIFEST_FORMAT, Manifest, WeightsError, file_of};
-use std::collections::BTreeMap;
+use ops::weights::{MANIFEST, Manifest, WeightsError, file_of};
 use std::path::{Path, PathBuf};
 
 /// Nets that can't be taken over.
@@ -70,7 +69,7 @@ fn copy_net(from: &Path, to: &Path, net: &str) -> Result<(), RunError> {
         return Err(WeightsError::NoNet { path: from.join(MANIFEST), net: net.into(), listed }.into());
     };
     let mut ours = match Manifest::read(to) {
-        Err(WeightsError::Missing { .. }) => Manifest { format: MANIFEST_FORMAT, nets: BTreeMap::new() },
+        Err(WeightsError::Missing { .. }) => Manifest::default(),
         manifest => manifest?,
     };
     let source = file_of(from, net);

@@ -1,5 +1,7 @@
 //! Does a material show enough detail to align frames by?
 
+use serde::{Deserialize, Serialize};
+
 use super::stored::Material;
 
 /// Windows per axis over the tile.
@@ -18,6 +20,35 @@ const ROUGHNESS_WEIGHT: f32 = 0.25;
 /// Where the statistic agrees best with the classes of the procedural families (two materials of each: low-texture ones
 /// reach 0.038, all textured families but brushed metal and the palest marble start at 0.041).
 pub const TEXTURED_CONTRAST: f32 = 0.04;
+
+/// Materials with less [`contrast`] count as featureless: half a code of an 8-bit frame or so, less than the noise of a pixel.
+/// Nothing but the highlight moves in their videos.
+pub const FEATURELESS_CONTRAST: f32 = 0.005;
+
+/// What a material shows to align frames by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Texture {
+    /// Enough.
+    Rich,
+    /// A little: low texture.
+    Faint,
+    /// Nothing: featureless.
+    Absent,
+}
+
+impl Texture {
+    /// The class of a material.
+    pub fn of(material: &Material) -> Self {
+        if material.textured() {
+            Self::Rich
+        } else if contrast(material) >= FEATURELESS_CONTRAST {
+            Self::Faint
+        } else {
+            Self::Absent
+        }
+    }
+}
 
 /// Median over windows of a quarter frame of the standard deviation, within the window, of encoded albedo, normal and
 /// roughness (weighted and added as variances). Dimensionless; polished metal is near 0.005, brick near 0.15.

@@ -26,6 +26,7 @@ use render::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 
 use crate::material::augment::{AugmentConfig, AugmentError, Augmentation, AugmentedMaterial};
+use crate::material::texture::Texture;
 use crate::material::{GRID, Material};
 use crate::path::line::LineOrder;
 use crate::path::{CameraPath, PathConfig, PathError};
@@ -182,9 +183,9 @@ impl Sequence {
         self.surface.name()
     }
 
-    /// Whether the material shows enough detail to align by.
-    pub fn textured(&self) -> bool {
-        self.surface.material.textured()
+    /// What the material shows to align by.
+    pub fn texture(&self) -> Texture {
+        Texture::of(&self.surface.material)
     }
 
     /// The material as this video shows it.

@@ -1,9 +1,10 @@
 use super::*;
+use dataset::material::texture::Texture;
 
 fn run(variant: &str, seed: u64, values: &[f64]) -> Measured {
     let row = |(index, value): (usize, &f64)| Row {
         material: format!("m{index}"),
-        textured: true,
+        texture: Texture::Rich,
         figures: Figures::from([("diffuse_l1".into(), *value)]),
     };
     let mean = values.iter().sum::<f64>() / values.len() as f64;

@@ -11,7 +11,7 @@ use super::{EXAMPLES, Exported};
 const LISTED: usize = 40;
 
 /// Figures of a class of materials or of a baseline, by the start or end of their names.
-const PARTIAL: [&str; 4] = ["_textured", "_low_texture", "constant_", "identity_"];
+const PARTIAL: [&str; 5] = ["_textured", "_low_texture", "_featureless", "constant_", "identity_"];
 
 /// The card's text.
 pub fn text(facts: &Facts, manifest: &Manifest, exported: &[Exported]) -> String {

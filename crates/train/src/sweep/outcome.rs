@@ -21,8 +21,8 @@ pub fn measured(out: &Path, run: &Run) -> Result<Measured, Failure> {
     let path = folder.join("report/summary.json");
     let rows = if path.is_file() { read(&path)?["rows"].take() } else { Value::Null };
     let row = |row: &Value| {
-        let textured = row["textured"].as_bool()?;
-        Some(Row { material: row["material"].as_str()?.into(), textured, figures: figures(row) })
+        let texture = serde_json::from_value(row["texture"].clone()).ok()?;
+        Some(Row { material: row["material"].as_str()?.into(), texture, figures: figures(row) })
     };
     let materials = rows.as_array().into_iter().flatten().filter_map(row).collect();
     Ok(Measured { variant: run.row.clone(), seed: run.seed, figures: figures(&report), materials })
