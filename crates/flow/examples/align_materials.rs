@@ -1,14 +1,15 @@
 //! How well whole scans are aligned without any net: `cargo run -p flow --example align_materials -- [FOLDER] [COUNT]`.
 //!
 //! Renders a spiral scan (141 frames of 256²) of every material that the nets never see, of the procedural source or of a
-//! folder of texture maps, aligns it and prints the figures of spec 6.1 per material and for textured and other materials,
-//! beside those of no alignment at all.
+//! folder of texture maps, aligns it and prints the figures of spec 6.1 per material and for textured, low-texture and
+//! featureless materials, beside those of no alignment at all.
 
 use std::error::Error;
 use std::time::Instant;
 
 use dataset::material::library::{MaterialLibrary, PbrConfig, ProceduralConfig, SourceConfig};
 use dataset::material::split::Split;
+use dataset::material::texture::Texture;
 use dataset::sequence::{Sequence, SequenceConfig};
 use dataset::stream::Stream;
 use flow::align::metrics::{AlignmentMetrics, ScanErrors, summarise};
@@ -43,15 +44,21 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut config = SequenceConfig::svbrdf();
     config.path.line_share = 0.0;
     let aligner = Aligner { config: AlignConfig::default(), adjacent: None, distant: None };
-    let mut groups: [(Vec<ScanErrors>, Vec<ScanErrors>); 2] = Default::default();
+    let mut groups = [Texture::Rich, Texture::Faint, Texture::Absent].map(|texture| (texture, Vec::new(), Vec::new()));
     for index in 0..count {
         let sequence = Sequence::new(library.nth(Split::Test, index)?, &config, &Stream::new(SEED), index as u64);
         let (aligned, still) = measure(&aligner, &sequence)?;
-        let group = &mut groups[usize::from(sequence.textured())];
-        group.0.push(aligned);
-        group.1.push(still);
+        if let Some((_, of_aligned, of_still)) = groups.iter_mut().find(|group| group.0 == sequence.texture()) {
+            of_aligned.push(aligned);
+            of_still.push(still);
+        }
     }
-    for (name, (aligned, still)) in ["low texture", "textured"].iter().zip(&groups) {
+    for (texture, aligned, still) in groups.iter().filter(|group| !group.1.is_empty()) {
+        let name = match texture {
+            Texture::Rich => "textured",
+            Texture::Faint => "low texture",
+            Texture::Absent => "featureless",
+        };
         print(&format!("{name} ({} scans)", aligned.len()), &summarise(aligned));
         print("  identity", &summarise(still));
     }

@@ -1,6 +1,6 @@
 //! 3×3 convolution on the CPU: forward, gradient of the input, gradient of the weights.
 //!
-//! The input is copied once into a padded, stride-split buffer ([`rows`](super::rows)), after which every kernel tap is a
+//! The input is copied once into a padded, stride-split buffer (`rows`), after which every kernel tap is a
 //! constant offset and a row of output pixels reads a row of consecutive inputs. Images narrower than a register tile are laid
 //! out as columns (one row holding all pixels of the batch) and use the same inner loops.
 

@@ -258,7 +258,7 @@ impl<K: Fn(usize, usize) -> [f32; 9]> Part<K> {
 
     /// The kernels of a block of outputs for each frequency of this part, channel by channel.
     fn packed(&self, s: &Sizes, extents: impl Fn(usize) -> Extents, (a, b): (usize, usize)) -> Vec<Vec<f32>> {
-        let mut packed = vec![Vec::with_capacity(s.inputs * (b - a)); FREQUENCIES];
+        let mut packed = vec![Vec::new(); FREQUENCIES];
         let mut kernels = [[[0.0; SPAN]; SPAN]; MOST_OUTPUTS];
         for c in 0..s.inputs {
             kernels.iter_mut().zip(a..b).for_each(|(to, o)| *to = spread_kernel((self.kernel)(o, c)));
