@@ -351,7 +351,7 @@ fn weights_of_another_pooling_are_refused() {
         weights::load(folder.path(), &device).unwrap_err().to_string()
     };
     let error = refused(Pooling::Max, "attention");
-    assert!(error.contains("lacks `attention.maps.weight`") && error.contains("another architecture"), "{error}");
+    assert!(error.contains("lacks `attention.global.confidence`") && error.contains("another architecture"), "{error}");
     let error = refused(Pooling::Attention, "max");
     assert!(error.contains("holds `attention.") && error.contains("this architecture hasn't"), "{error}");
     let error = refused(Pooling::Max, "max-mean-variance");
