@@ -13,6 +13,9 @@ use super::weight_gradient::correlate_gradient;
 use super::winograd::{self, Extent};
 use crate::conv::{Conv3x3, Padding};
 
+/// Tiles below which [`winograd`] costs more than it saves.
+const FEWEST_TILES: usize = 16;
+
 /// Sizes of one convolution.
 #[derive(Clone, Copy, Debug)]
 pub struct Sizes {
@@ -80,18 +83,18 @@ pub fn forward(x: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
     }
     let area = s.oh() * s.ow();
     let mut out = zeros(s.n * s.outputs * area);
+    let kernel = |o: usize, c: usize| s.kernel(w, o, c).try_into().expect("a kernel has nine weights");
+    if winograd::pays(s, s.inputs, s.outputs, FEWEST_TILES) {
+        let part = winograd::Part { start: 0, extents: [Extent::Whole; 2], kernel };
+        winograd::correlate(x, s, |_| [Extent::Whole; 2], &[part], &mut out, &s.output_target());
+        return out;
+    }
     let weights = |o: usize, c: usize, taps: &mut [f32]| taps.copy_from_slice(s.kernel(w, o, c));
     if s.narrow() {
         let (rows, pixels) = (column_rows(x, s), s.n * area);
         let part = Part::new(column_field(&rows, 0..s.taps(), pixels), 0, s.outputs, 9, weights);
         correlate(&rows, s.outputs, &[part], &mut out, &Target::columns(pixels));
         return swap_axes(&out, s.outputs, s.n, area);
-    }
-    let kernel = |o: usize, c: usize| s.kernel(w, o, c).try_into().expect("a kernel has nine weights");
-    if winograd::pays(s, s.inputs, s.outputs) {
-        let part = winograd::Part { start: 0, extents: [Extent::Whole; 2], kernel };
-        winograd::correlate(x, s, |_| [Extent::Whole; 2], &[part], &mut out, &s.output_target());
-        return out;
     }
     let rows = padded_rows(x, s);
     let part = Part::new(padded_field(&rows, s), 0, s.outputs, 9, weights);
@@ -104,25 +107,21 @@ pub fn backward_input(gradient: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
     if s.geometry.enlarge {
         return enlarging::backward_input(gradient, w, s);
     }
+    if winograd::pays(s, s.outputs, s.inputs, FEWEST_TILES) {
+        let kernel = |o: usize, c: usize| s.kernel(w, o, c).try_into().expect("a kernel has nine weights");
+        return winograd::image_gradient(gradient, s, s.outputs, |_| [Extent::Whole; 2], kernel);
+    }
     let weights = |c: usize, o: usize, taps: &mut [f32]| taps.copy_from_slice(s.kernel(w, o, c));
     if s.w < TILE {
         let taps: Vec<(usize, usize)> = (0..9).map(|k| (0, k)).collect();
         return input_gradient_narrow(gradient, 1, &taps, weights, s);
     }
-    let image = winograd::pays(s, s.outputs, s.inputs).then(|| {
-        let kernel = |o: usize, c: usize| s.kernel(w, o, c).try_into().expect("a kernel has nine weights");
-        winograd::image_gradient(gradient, s, s.outputs, |_| [Extent::Whole; 2], kernel)
-    });
-    let image = match image {
-        Some(image) if s.geometry.padding == Padding::Zero => return image,
-        image => image,
-    };
+    let taps: Vec<Tap> = (0..9).map(|k| Tap { plane: 0, row: k / 3, column: k % 3 }).collect();
     let (oh, ow) = (s.oh(), s.ow());
     let bordered = Bordered::new(s.n, s.outputs, [oh, ow], s.geometry, |plane, y, row| {
         row.copy_from_slice(&gradient[(plane * oh + y) * ow..][..ow]);
     });
-    let taps: Vec<Tap> = (0..9).map(|k| Tap { plane: 0, row: k / 3, column: k % 3 }).collect();
-    input_gradient(&bordered, &taps, weights, s, image)
+    input_gradient(&bordered, &taps, weights, s)
 }
 
 /// Gradient of the input of a narrow image from `gradient [N, O · planes, oh · ow]`: each output has some taps, given by their
@@ -146,6 +145,10 @@ pub(super) fn input_gradient_narrow(
 pub fn backward_weight(x: &[f32], gradient: &[f32], s: &Sizes) -> Vec<f32> {
     if s.geometry.enlarge {
         return enlarging::backward_weight(x, gradient, s);
+    }
+    if winograd::pays_for_weights(s) {
+        let part = winograd::PartGradient { start: 0, extents: [Extent::Whole; 2] };
+        return winograd::weight_gradient(x, gradient, s, &[part], &s.output_target());
     }
     let rows = padded_rows(x, s);
     correlate_gradient(&rows, &padded_field(&rows, s), gradient, s.outputs, &s.output_target())

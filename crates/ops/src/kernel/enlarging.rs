@@ -17,6 +17,10 @@ use crate::conv::Conv3x3;
 
 /// Positions in a block of 2×2.
 const PHASES: usize = 4;
+/// Tiles below which [`winograd`] costs more than it saves.
+const FEWEST_TILES: usize = 16;
+/// The same for the gradient of the input, whose border takes tiles of its own.
+const FEWEST_TILES_BACK: usize = 1024;
 
 /// The taps of a 3×3 kernel, along one axis, that fall into small pixel `tap` (0, 1) of those that phase `phase` reads.
 fn merged(phase: usize, tap: usize) -> std::ops::Range<usize> {
@@ -64,6 +68,17 @@ fn extents(phase: usize) -> Extents {
     [phase / 2, phase % 2].map(|phase| if phase == 0 { Extent::First } else { Extent::Last })
 }
 
+/// Where the results of a phase go in the enlarged image, beside [`phase_start`].
+fn phase_target(s: &Sizes) -> Target {
+    let area = PHASES * s.h * s.w;
+    Target { image: s.outputs * area, channel: area, row: 4 * s.w, column: 2 }
+}
+
+/// Where the first result of a phase goes.
+fn phase_start(phase: usize, s: &Sizes) -> usize {
+    phase / 2 * 2 * s.w + phase % 2
+}
+
 /// What a phase reads in [`padded_rows`].
 fn field(rows: &Rows, s: &Sizes, phase: usize) -> Field {
     let (plane, row) = (rows.image_step / s.inputs, rows.row_step);
@@ -79,6 +94,16 @@ pub fn forward(x: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
     let weights = |phase: usize| move |o: usize, c: usize, taps: &mut [f32]| merge(s.kernel(w, o, c), phase, taps);
     let area = s.h * s.w;
     let mut out = zeros(s.n * s.outputs * PHASES * area);
+    let target = phase_target(s);
+    if winograd::pays(s, s.inputs, PHASES * s.outputs, FEWEST_TILES) {
+        let part = |phase: usize| {
+            let kernel = move |o: usize, c: usize| widened(s.kernel(w, o, c), phase);
+            winograd::Part { start: phase_start(phase, s), extents: extents(phase), kernel }
+        };
+        let parts: [_; PHASES] = std::array::from_fn(part);
+        winograd::correlate(x, &small_sizes(s), |_| [Extent::Whole; 2], &parts, &mut out, &target);
+        return out;
+    }
     if s.w < TILE {
         let (small, pixels) = (small_sizes(s), s.n * area);
         let rows = column_rows(x, &small);
@@ -92,19 +117,8 @@ pub fn forward(x: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
         correlate(&rows, s.outputs, &std::array::from_fn::<_, PHASES, _>(part), &mut out, &Target::columns(pixels));
         return interleaved(&swap_axes(&out, PHASES * s.outputs, s.n, area), s);
     }
-    let target = Target { image: s.outputs * PHASES * area, channel: PHASES * area, row: 4 * s.w, column: 2 };
-    let start = |phase: usize| phase / 2 * 2 * s.w + phase % 2;
-    if winograd::pays(s, s.inputs, PHASES * s.outputs) {
-        let part = |phase: usize| {
-            let kernel = move |o: usize, c: usize| widened(s.kernel(w, o, c), phase);
-            winograd::Part { start: start(phase), extents: extents(phase), kernel }
-        };
-        let parts: [_; PHASES] = std::array::from_fn(part);
-        winograd::correlate(x, &small_sizes(s), |_| [Extent::Whole; 2], &parts, &mut out, &target);
-        return out;
-    }
     let rows = padded_rows(x, s);
-    let part = |phase: usize| Part::new(field(&rows, s, phase), start(phase), s.outputs, 4, weights(phase));
+    let part = |phase: usize| Part::new(field(&rows, s, phase), phase_start(phase, s), s.outputs, 4, weights(phase));
     correlate(&rows, s.outputs, &std::array::from_fn::<_, PHASES, _>(part), &mut out, &target);
     out
 }
@@ -115,36 +129,52 @@ pub fn backward_input(gradient: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
         taps.chunks_exact_mut(4).enumerate().for_each(|(phase, taps)| merge(s.kernel(w, o, c), phase, taps));
     };
     let taps = (0..PHASES * 4).map(|i| (i / 4, place(i / 4, i % 4)));
-    let image = winograd::pays(s, PHASES * s.outputs, s.inputs).then(|| {
+    if winograd::pays(s, PHASES * s.outputs, s.inputs, FEWEST_TILES_BACK) {
         let kernel = |plane: usize, c: usize| widened(s.kernel(w, plane / PHASES, c), plane % PHASES);
         let extents = |plane: usize| extents(plane % PHASES);
-        winograd::image_gradient(&split(gradient, s), s, PHASES * s.outputs, extents, kernel)
-    });
+        return winograd::image_gradient(&split(gradient, s), s, PHASES * s.outputs, extents, kernel);
+    }
     if s.w < TILE {
         let planes = split(gradient, s);
         let taps: Vec<(usize, usize)> = taps.map(|(plane, [y, x])| (plane, 3 * y + x)).collect();
         return input_gradient_narrow(&planes, PHASES, &taps, weights, &small_sizes(s));
     }
     let taps: Vec<Tap> = taps.map(|(plane, [row, column])| Tap { plane, row, column }).collect();
-    input_gradient(&phase_rows(gradient, s), &taps, weights, s, image)
+    input_gradient(&phase_rows(gradient, s), &taps, weights, s)
 }
 
 /// Gradient of the weights: `x [N, I, H, W]`, `gradient [N, O, 2H, 2W]` → `[O, I, 3, 3]`
 pub fn backward_weight(x: &[f32], gradient: &[f32], s: &Sizes) -> Vec<f32> {
-    let (rows, phases) = (padded_rows(x, s), phase_rows(gradient, s));
-    let Rows { image_step, row_step, .. } = phases.rows;
-    let layout = Target { image: image_step, channel: PHASES * phases.plane_step(), row: row_step, column: 1 };
     let mut out = zeros(s.outputs * s.inputs * 9);
-    for phase in 0..PHASES {
-        let gradient = &phases.rows.data[phases.at(phase, 0, 0)..];
-        let sums = correlate_gradient(&rows, &field(&rows, s, phase), gradient, s.outputs, &layout);
-        out.par_chunks_mut(9 * s.inputs).zip(sums.par_chunks(4 * s.inputs)).for_each(|(kernels, sums)| {
-            for (kernel, sums) in kernels.chunks_exact_mut(9).zip(sums.chunks_exact(4)) {
-                for (tap, sum) in sums.iter().enumerate() {
-                    taps_of(phase, tap).for_each(|k| kernel[k] += sum);
+    // Adds what a phase's tap brings to the kernels, given `taps` numbers of each and where the tap's is.
+    let mut add = |phase: usize, sums: &[f32], taps: usize, index: &(dyn Fn(usize) -> usize + Sync)| {
+        out.par_chunks_mut(9 * s.inputs).zip(sums.par_chunks(taps * s.inputs)).for_each(|(kernels, sums)| {
+            for (kernel, sums) in kernels.chunks_exact_mut(9).zip(sums.chunks_exact(taps)) {
+                for tap in 0..4 {
+                    taps_of(phase, tap).for_each(|k| kernel[k] += sums[index(tap)]);
                 }
             }
         });
+    };
+    if winograd::pays_for_weights(s) {
+        let part = |phase: usize| winograd::PartGradient { start: phase_start(phase, s), extents: extents(phase) };
+        let parts: [_; PHASES] = std::array::from_fn(part);
+        let sums = winograd::weight_gradient(x, gradient, &small_sizes(s), &parts, &phase_target(s));
+        for (phase, sums) in sums.chunks_exact(s.outputs * s.inputs * 9).enumerate() {
+            add(phase, sums, 9, &|tap| {
+                let [y, x] = place(phase, tap);
+                3 * y + x
+            });
+        }
+        return out;
+    }
+    let (rows, phases) = (padded_rows(x, s), phase_rows(gradient, s));
+    let Rows { image_step, row_step, .. } = phases.rows;
+    let layout = Target { image: image_step, channel: PHASES * phases.plane_step(), row: row_step, column: 1 };
+    for phase in 0..PHASES {
+        let gradient = &phases.rows.data[phases.at(phase, 0, 0)..];
+        let sums = correlate_gradient(&rows, &field(&rows, s, phase), gradient, s.outputs, &layout);
+        add(phase, &sums, 4, &|tap| tap);
     }
     out
 }

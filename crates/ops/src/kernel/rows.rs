@@ -29,39 +29,33 @@ pub(super) fn zeros(n: usize) -> Vec<f32> {
 /// The input as padded rows, one plane per channel, each padded row split into `stride` interleaved phases.
 pub(super) fn padded_rows(x: &[f32], s: &Sizes) -> Rows {
     let Conv3x3 { stride, dilation, .. } = s.geometry;
-    split_rows(x, s, stride, [s.h + 2 * dilation, s.w + 2 * dilation])
-}
-
-/// The same with rows split into so many phases, in planes of at least the padded size; what is beyond it is zero.
-pub(super) fn split_rows(x: &[f32], s: &Sizes, phases: usize, [height, width]: [usize; 2]) -> Rows {
-    let dilation = s.geometry.dilation;
     let (ph, pw) = (s.h + 2 * dilation, s.w + 2 * dilation);
-    let phase = width.div_ceil(phases) + TILE;
-    let row = phases * phase;
-    let plane = height * row;
+    let phase = pw.div_ceil(stride) + TILE;
+    let row = stride * phase;
+    let plane = ph * row;
     let mut data = zeros(s.n * s.inputs * plane + TILE);
     data[..s.n * s.inputs * plane].par_chunks_mut(plane).enumerate().for_each(|(i, padded)| {
         let image = &x[i * s.h * s.w..][..s.h * s.w];
         for py in 0..ph {
             let Some(y) = s.source(py, s.h) else { continue };
             let (from, to) = (&image[y * s.w..][..s.w], &mut padded[py * row..][..row]);
-            if phases == 1 {
+            if stride == 1 {
                 to[dilation..dilation + s.w].copy_from_slice(from);
             } else {
-                for first in 0..phases.min(s.w) {
-                    let start = (first + dilation) % phases * phase + (first + dilation) / phases;
-                    let pixels = from[first..].iter().step_by(phases);
+                for first in 0..stride.min(s.w) {
+                    let start = (first + dilation) % stride * phase + (first + dilation) / stride;
+                    let pixels = from[first..].iter().step_by(stride);
                     to[start..].iter_mut().zip(pixels).for_each(|(to, from)| *to = *from);
                 }
             }
             if s.geometry.padding == Padding::Edge {
                 for px in (0..dilation).chain(dilation + s.w..pw) {
-                    to[px % phases * phase + px / phases] = from[px.saturating_sub(dilation).min(s.w - 1)];
+                    to[px % stride * phase + px / stride] = from[px.saturating_sub(dilation).min(s.w - 1)];
                 }
             }
         }
     });
-    Rows { data, image_step: s.inputs * plane, row_step: s.geometry.stride * row, images: s.n }
+    Rows { data, image_step: s.inputs * plane, row_step: stride * row, images: s.n }
 }
 
 /// The kernel's taps in [`padded_rows`].

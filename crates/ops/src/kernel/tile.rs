@@ -8,10 +8,27 @@ pub const TILE: usize = 16;
 /// Most output channels of a register tile.
 pub const MOST_OUTPUTS: usize = 16;
 /// Most taps of a weight-gradient tile.
-const MOST_TAPS: usize = 9;
+const MOST_TAPS: usize = 8;
 
 /// Accumulators of a tile: `outputs × TILE`.
 pub type Accumulators = [[f32; TILE]; MOST_OUTPUTS];
+/// Six rows of pixels that [`TILE`] neighbouring tiles of 6×6 read, four pixels apart.
+#[repr(align(64))]
+pub struct Window(pub [[f32; Window::WIDTH]; 6]);
+
+impl Window {
+    /// Where the first tile's second pixel stands in a row: vectors from there on are aligned.
+    pub const SECOND: usize = TILE;
+    /// Numbers in a row.
+    const WIDTH: usize = Self::SECOND + 4 * TILE + TILE;
+}
+
+impl Default for Window {
+    fn default() -> Self {
+        Self([[0.0; Self::WIDTH]; 6])
+    }
+}
+
 /// What [`TILE`] output channels have at one pixel or tap.
 pub type Outputs = [f32; TILE];
 
@@ -160,21 +177,39 @@ impl Instructions {
         }
     }
 
-    /// Transforms each piece of up to sixteen tiles for [`winograd`](super::winograd): 6×6 pixels, at `from + y · row + x % 4 · phase
-    /// + x / 4` of `source`, become 36 frequencies, at `to + frequency · step`.
-    pub fn spread(self, source: &[f32], [from, row, phase]: [usize; 3], out: &mut [f32], [to, step]: [usize; 2]) {
-        assert!(from + 5 * row + 3 * phase + 1 + TILE <= source.len() && to + 35 * step + TILE <= out.len());
-        // SAFETY: a variant is only made after its features were found; loads and stores were checked above.
+    /// Transforms sixteen tiles for [`winograd`](super::winograd): the 6×6 pixels of each become 36 frequencies, at
+    /// `to + frequency · step`.
+    pub fn spread(self, pixels: &Window, out: &mut [f32], [to, step]: [usize; 2]) {
+        assert!(to + 35 * step + TILE <= out.len());
+        // SAFETY: a variant is only made after its features were found; a window holds all pixels, stores were checked above.
         unsafe {
-            let (source, out) = (source.as_ptr().add(from), out.as_mut_ptr().add(to));
+            let (pixels, out) = (pixels.0.as_flattened().as_ptr(), out.as_mut_ptr().add(to));
             match self {
                 #[cfg(target_arch = "x86_64")]
-                Self::Avx512 => avx512::spread(source, row, phase, out, step),
+                Self::Avx512 => avx512::spread(pixels, out, step),
                 #[cfg(target_arch = "x86_64")]
-                Self::Avx2 => avx2::spread(source, row, phase, out, step),
+                Self::Avx2 => avx2::spread(pixels, out, step),
                 #[cfg(target_arch = "aarch64")]
-                Self::Neon => neon::spread(source, row, phase, out, step),
-                Self::Portable => portable::spread(source, row, phase, out, step),
+                Self::Neon => neon::spread(pixels, out, step),
+                Self::Portable => portable::spread(pixels, out, step),
+            }
+        }
+    }
+
+    /// Transforms 4×4 results of sixteen channels, the gradient of [`Self::gather`]'s: they become 36 frequencies, `step` apart.
+    pub fn spread_results(self, results: &[Outputs; 16], out: &mut [Outputs], step: usize) {
+        assert!(35 * step < out.len());
+        // SAFETY: a variant is only made after its features were found; `results` is whole, stores were checked above.
+        unsafe {
+            let (results, out, step) = (results.as_flattened().as_ptr(), out.as_flattened_mut().as_mut_ptr(), step * TILE);
+            match self {
+                #[cfg(target_arch = "x86_64")]
+                Self::Avx512 => avx512::spread_results(results, out, step),
+                #[cfg(target_arch = "x86_64")]
+                Self::Avx2 => avx2::spread_results(results, out, step),
+                #[cfg(target_arch = "aarch64")]
+                Self::Neon => neon::spread_results(results, out, step),
+                Self::Portable => portable::spread_results(results, out, step),
             }
         }
     }
@@ -215,6 +250,22 @@ impl Instructions {
         }
     }
 }
+
+/// Asks the memory for `length` numbers from `start` on, as far as there are so many, that are read soon; nothing depends on it.
+pub fn prefetch(data: &[f32], start: usize, length: usize) {
+    #[cfg(target_arch = "x86_64")]
+    for line in data[start.min(data.len())..].chunks(LINE).take(length.div_ceil(LINE)) {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // SAFETY: every x86-64 processor has it, and it reads nothing.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(line.as_ptr().cast()) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (data, start, length);
+}
+
+/// Numbers that memory delivers together.
+#[cfg(target_arch = "x86_64")]
+const LINE: usize = 16;
 
 /// Chains of multiply-adds that [`Instructions::multiply_adds`] runs: enough to hide the latency of one.
 const CHAINS: usize = 10;
@@ -263,7 +314,7 @@ pub const POINTS: [f32; 2] = [0.75, 1.5];
 /// Winograd's transforms of F(4×4, 3×3) for one kind of vector (Lavin and Gray 2016, section 4.3, with other points).
 macro_rules! winograd_loops {
     (
-        [$(#[$features:meta])*], $vector:ident, $zero:expr, $splat:ident, $load:ident, $store:ident,
+        [$(#[$features:meta])*], $vector:ident, $zero:expr, $splat:ident, $load:ident, $store:ident, $tiles:path,
         |$sum:ident, $a:ident, $b:ident| $multiply_add:expr
     ) => {
         const A: f32 = super::POINTS[0];
@@ -320,22 +371,63 @@ macro_rules! winograd_loops {
         }
 
         /// # Safety
-        /// Needs the module's features, and loads and stores as `Instructions::spread` has them.
+        /// Needs the module's features, a whole window, and stores as `Instructions::spread` has them.
         $(#[$features])*
-        pub unsafe fn spread(source: *const f32, row: usize, phase: usize, to: *mut f32, step: usize) {
+        pub unsafe fn spread(pixels: *const f32, to: *mut f32, step: usize) {
             // SAFETY: the caller's promise.
             unsafe {
                 for i in (0..TILE).step_by(LANES) {
                     let mut lines = [[$zero; 6]; 6];
                     for (y, line) in lines.iter_mut().enumerate() {
-                        for (x, pixel) in line.iter_mut().enumerate() {
-                            *pixel = $load(source.add(y * row + x % 4 * phase + x / 4 + i));
-                        }
-                        *line = spread_row(*line);
+                        *line = spread_row($tiles(pixels.add(y * Window::WIDTH + Window::SECOND + 4 * i)));
                     }
                     for u in 0..6 {
                         let column = [lines[0][u], lines[1][u], lines[2][u], lines[3][u], lines[4][u], lines[5][u]];
                         for (v, frequency) in spread_row(column).into_iter().enumerate() {
+                            $store(to.add((v * 6 + u) * step + i), frequency);
+                        }
+                    }
+                }
+            }
+        }
+
+        /// The gradient of [`gather_row`].
+        #[inline]
+        $(#[$features])*
+        unsafe fn spread_results_row([a, b, c, d]: [$vector; 4]) -> [$vector; 6] {
+            // SAFETY: the module's features are there.
+            unsafe {
+                let (near_even, near_odd) = (plus(a, A * A, c), plus(b, A * A, d));
+                let (far_even, far_odd) = (plus(a, B * B, c), plus(b, B * B, d));
+                [
+                    a,
+                    plus(near_even, A, near_odd),
+                    plus(near_even, -A, near_odd),
+                    plus(far_even, B, far_odd),
+                    plus(far_even, -B, far_odd),
+                    d,
+                ]
+            }
+        }
+
+        /// # Safety
+        /// Needs the module's features, and loads and stores as `Instructions::spread_results` has them.
+        $(#[$features])*
+        pub unsafe fn spread_results(results: *const f32, to: *mut f32, step: usize) {
+            // SAFETY: the caller's promise.
+            unsafe {
+                for i in (0..TILE).step_by(LANES) {
+                    let mut lines = [[$zero; 6]; 4];
+                    for (y, line) in lines.iter_mut().enumerate() {
+                        let mut row = [$zero; 4];
+                        for (x, result) in row.iter_mut().enumerate() {
+                            *result = $load(results.add((y * 4 + x) * TILE + i));
+                        }
+                        *line = spread_results_row(row);
+                    }
+                    for u in 0..6 {
+                        let column = [lines[0][u], lines[1][u], lines[2][u], lines[3][u]];
+                        for (v, frequency) in spread_results_row(column).into_iter().enumerate() {
                             $store(to.add((v * 6 + u) * step + i), frequency);
                         }
                     }
@@ -373,14 +465,23 @@ macro_rules! winograd_loops {
 
 /// The same for one number at a time.
 mod portable {
-    use super::TILE;
+    use super::{TILE, Window};
 
     const LANES: usize = 1;
 
-    winograd_loops!([], f32, 0.0, identity, load, store, |sum, a, b| *sum + a * b);
+    winograd_loops!([], f32, 0.0, identity, load, store, tile, |sum, a, b| *sum + a * b);
 
     fn identity(value: f32) -> f32 {
         value
+    }
+
+    /// The pixels in a row of the tile whose second one is at `from`.
+    ///
+    /// # Safety
+    /// Needs all six.
+    unsafe fn tile(from: *const f32) -> [f32; 6] {
+        // SAFETY: the caller's promise.
+        std::array::from_fn(|x| unsafe { from.add(x).sub(1).read() })
     }
 
     /// # Safety
@@ -398,11 +499,68 @@ mod portable {
     }
 }
 
+/// The pixels in a row of sixteen neighbouring tiles whose second ones start at `from`, four apart: `[x][tile]`.
+///
+/// # Safety
+/// Needs AVX-512, 64 pixels there, one before and one behind.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f")]
+unsafe fn sixteen_tiles(from: *const f32) -> [std::arch::x86_64::__m512; 6] {
+    use std::arch::x86_64::*;
+    // SAFETY: the caller's promise.
+    let (parts, before, behind): ([__m512; 4], _, _) = unsafe {
+        (
+            std::array::from_fn(|i| _mm512_loadu_ps(from.add(16 * i))),
+            _mm512_set1_ps(*from.sub(1)),
+            _mm512_set1_ps(*from.add(64)),
+        )
+    };
+    // Two of every four pixels, of 32 pixels at a time, then of all.
+    let first = _mm512_setr_epi32(0, 4, 8, 12, 16, 20, 24, 28, 1, 5, 9, 13, 17, 21, 25, 29);
+    let second = _mm512_add_epi32(first, _mm512_set1_epi32(2));
+    let low = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23);
+    let high = _mm512_add_epi32(low, _mm512_set1_epi32(8));
+    let pick = |a, b, which| _mm512_permutex2var_ps(a, which, b);
+    let [near, far] = [first, second].map(|which| [pick(parts[0], parts[1], which), pick(parts[2], parts[3], which)]);
+    let (one, two) = (pick(near[0], near[1], low), pick(near[0], near[1], high));
+    let (three, four) = (pick(far[0], far[1], low), pick(far[0], far[1], high));
+    let shifted = |a, b| _mm512_castsi512_ps(_mm512_alignr_epi32::<1>(_mm512_castps_si512(a), _mm512_castps_si512(b)));
+    let zero = _mm512_castsi512_ps(_mm512_alignr_epi32::<15>(_mm512_castps_si512(four), _mm512_castps_si512(before)));
+    [zero, one, two, three, four, shifted(behind, one)]
+}
+
+/// The same for eight tiles.
+///
+/// # Safety
+/// Needs AVX2, 32 pixels there, one before and one behind.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+unsafe fn eight_tiles(from: *const f32) -> [std::arch::x86_64::__m256; 6] {
+    use std::arch::x86_64::*;
+    let places = _mm256_setr_epi32(0, 4, 8, 12, 16, 20, 24, 28);
+    // SAFETY: the caller's promise.
+    std::array::from_fn(|x| unsafe { _mm256_i32gather_ps::<4>(from.add(x).sub(1), places) })
+}
+
+/// The same for four tiles.
+///
+/// # Safety
+/// Needs NEON, 16 pixels there, one before and one behind.
+#[cfg(target_arch = "aarch64")]
+#[target_feature(enable = "neon")]
+unsafe fn four_tiles(from: *const f32) -> [std::arch::aarch64::float32x4_t; 6] {
+    use std::arch::aarch64::*;
+    // SAFETY: the caller's promise.
+    let (float32x4x4_t(one, two, three, four), before, behind) =
+        unsafe { (vld4q_f32(from), vdupq_n_f32(*from.sub(1)), vdupq_n_f32(*from.add(16))) };
+    [vextq_f32::<3>(before, four), one, two, three, four, vextq_f32::<1>(one, behind)]
+}
+
 /// The loops for one kind of vector. `$outputs` counts the output channels of a tile up to the most.
 macro_rules! vector_loops {
     (
         $module:ident, $features:tt, $vector:ident, $lanes:literal, $most:literal, [$($outputs:literal)*], $taps:literal,
-        $zero:expr, $splat:ident, $load:ident, $store:ident, |$sum:ident, $a:ident, $b:ident| $multiply_add:expr
+        $zero:expr, $splat:ident, $load:ident, $store:ident, $tiles:ident, |$sum:ident, $a:ident, $b:ident| $multiply_add:expr
     ) => {
         mod $module {
             #[cfg(target_arch = "aarch64")]
@@ -410,7 +568,7 @@ macro_rules! vector_loops {
             #[cfg(target_arch = "x86_64")]
             use std::arch::x86_64::*;
 
-            use super::{Accumulators, CHAINS, Offsets, Outputs, TILE};
+            use super::{Accumulators, CHAINS, Offsets, Outputs, TILE, Window};
 
             const LANES: usize = $lanes;
             const VECTORS: usize = TILE / LANES;
@@ -518,7 +676,7 @@ macro_rules! vector_loops {
                 }
             }
 
-            winograd_loops!([#[target_feature(enable = $features)]], $vector, $zero, $splat, $load, $store, |$sum, $a, $b| $multiply_add);
+            winograd_loops!([#[target_feature(enable = $features)]], $vector, $zero, $splat, $load, $store, super::$tiles, |$sum, $a, $b| $multiply_add);
 
             /// # Safety
             /// Needs the module's features.
@@ -552,20 +710,22 @@ macro_rules! vector_loops {
 // One accumulator per output: sixteen of 32 registers, and weights come straight from memory into the multiply-add.
 #[cfg(target_arch = "x86_64")]
 vector_loops!(
-    avx512, "avx512f", __m512, 16, 16, [1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16], 9,
-    _mm512_setzero_ps(), _mm512_set1_ps, _mm512_loadu_ps, _mm512_storeu_ps, |sum, a, b| _mm512_fmadd_ps(a, b, *sum)
+    avx512, "avx512f", __m512, 16, 16, [1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16], 8,
+    _mm512_setzero_ps(), _mm512_set1_ps, _mm512_loadu_ps, _mm512_storeu_ps, sixteen_tiles,
+    |sum, a, b| _mm512_fmadd_ps(a, b, *sum)
 );
 // 6 × 16 accumulators fill twelve of sixteen registers.
 #[cfg(target_arch = "x86_64")]
 vector_loops!(
     avx2, "avx2,fma", __m256, 8, 6, [1 2 3 4 5 6], 6,
-    _mm256_setzero_ps(), _mm256_set1_ps, _mm256_loadu_ps, _mm256_storeu_ps, |sum, a, b| _mm256_fmadd_ps(a, b, *sum)
+    _mm256_setzero_ps(), _mm256_set1_ps, _mm256_loadu_ps, _mm256_storeu_ps, eight_tiles,
+    |sum, a, b| _mm256_fmadd_ps(a, b, *sum)
 );
 // 6 × 16 accumulators fill 24 of 32 registers.
 #[cfg(target_arch = "aarch64")]
 vector_loops!(
     neon, "neon", float32x4_t, 4, 6, [1 2 3 4 5 6], 6,
-    vdupq_n_f32(0.0), vdupq_n_f32, vld1q_f32, vst1q_f32, |sum, a, b| vfmaq_f32(*sum, a, b)
+    vdupq_n_f32(0.0), vdupq_n_f32, vld1q_f32, vst1q_f32, four_tiles, |sum, a, b| vfmaq_f32(*sum, a, b)
 );
 
 #[cfg(test)]
@@ -596,6 +756,32 @@ mod tests {
                 let term = |p: usize| gradient[p][o] * source[starts[k] + lines[p / 7] + p % 7];
                 let expected = 0.5 + (0..21).map(term).sum::<f32>();
                 assert!((sums[k][o] - expected).abs() < 1e-5, "{route:?}, tap {k}");
+            }
+        }
+    }
+
+    #[test]
+    fn all_routes_transform_alike() {
+        let mut window = Window::default();
+        window.0.as_flattened_mut().iter_mut().enumerate().for_each(|(i, pixel)| *pixel = (i as f32 * 0.37).sin());
+        let results: [Outputs; 16] = std::array::from_fn(|i| std::array::from_fn(|o| ((i * 16 + o) as f32).cos()));
+        let step = TILE + 3;
+        let all = |route: Instructions| {
+            let mut frequencies = vec![0.0; 36 * step];
+            route.spread(&window, &mut frequencies, [1, step]);
+            let mut of_results = vec![[0.0; TILE]; 72];
+            route.spread_results(&results, &mut of_results, 2);
+            [
+                frequencies.clone(),
+                of_results.into_flattened(),
+                route.gather(&frequencies, step).as_flattened().as_flattened().to_vec(),
+            ]
+        };
+        let expected = all(Instructions::Portable);
+        for route in Instructions::available() {
+            for (found, expected) in all(route).iter().zip(&expected) {
+                let close = found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5 * b.abs().max(10.0));
+                assert!(found.len() == expected.len() && close, "{route:?}");
             }
         }
     }

@@ -88,14 +88,11 @@ fn steps(distance: usize, back: usize, stride: usize) -> Option<isize> {
 }
 
 /// `[N, I, H, W]` from a gradient with the same taps for every output; `weights(input, output, taps)` fills theirs.
-///
-/// `image` is what the image takes without its border, if that is known.
 pub fn input_gradient(
     gradient: &Bordered,
     taps: &[Tap],
     weights: impl Fn(usize, usize, &mut [f32]) + Sync,
     s: &Sizes,
-    image: Option<Vec<f32>>,
 ) -> Vec<f32> {
     let Conv3x3 { stride, dilation, padding, .. } = s.geometry;
     let planes = gradient.planes / s.outputs;
@@ -113,18 +110,15 @@ pub fn input_gradient(
     // Pixel stride·i + phase takes from output i + (phase + dilation − k·dilation) / stride.
     let phases = |length: usize| 0..stride.min(length);
     let inner = |phase: usize, k: usize| steps(phase + dilation, k * dilation, stride);
-    let mut out = image.unwrap_or_else(|| {
-        let parts = phases(s.h).flat_map(|py| phases(s.w).map(move |px| (py, px))).map(|(py, px)| {
-            part([(s.h - py).div_ceil(stride), (s.w - px).div_ceil(stride)], py * s.w + px, &|tap, o| {
-                Some(gradient.at(o * planes + tap.plane, inner(py, tap.row)?, inner(px, tap.column)?))
-            })
-        });
-        let area = s.h * s.w;
-        let mut out = zeros(s.n * s.inputs * area);
-        let target = Target { image: s.inputs * area, channel: area, row: stride * s.w, column: stride };
-        correlate(&gradient.rows, s.inputs, &parts.collect::<Vec<_>>(), &mut out, &target);
-        out
+    let parts = phases(s.h).flat_map(|py| phases(s.w).map(move |px| (py, px))).map(|(py, px)| {
+        part([(s.h - py).div_ceil(stride), (s.w - px).div_ceil(stride)], py * s.w + px, &|tap, o| {
+            Some(gradient.at(o * planes + tap.plane, inner(py, tap.row)?, inner(px, tap.column)?))
+        })
     });
+    let area = s.h * s.w;
+    let mut out = zeros(s.n * s.inputs * area);
+    let target = Target { image: s.inputs * area, channel: area, row: stride * s.w, column: stride };
+    correlate(&gradient.rows, s.inputs, &parts.collect::<Vec<_>>(), &mut out, &target);
     if padding == Padding::Zero {
         return out;
     }

@@ -8,7 +8,7 @@ use super::tile::{Instructions, Outputs, TILE};
 
 /// Taps per task: so many that turning the gradient costs little beside them, few enough that their sums and rows stay in the
 /// second-level cache.
-const TAPS: usize = 36 * 9;
+const TAPS: usize = 320;
 /// Pixels that are added to all of a task's sums before the next ones: their gradient stays in the first-level cache.
 const CHUNK: usize = 256;
 /// Tasks that a convolution of few channels is split into, along its pixels.
