@@ -112,8 +112,7 @@ fn the_tensor_route_has_the_gradient_of_central_differences() {
             let error = largest_relative_error(&packed, [1, 10, 1, 2], 1e-3, |x| {
                 (shade::render(&Svbrdf::from_stacked(x), view, model) + 0.1).log().sum()
             });
-            eprintln!("MEASURE {model:?} {error}");
-            assert!(error < 1e-2, "{model:?}: {error}");
+            assert!(error < 5e-3, "{model:?}: {error}");
         }
     }
 }
