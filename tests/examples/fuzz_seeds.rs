@@ -123,7 +123,7 @@ fn arrays(seeds: &Seeds) -> Result<()> {
 
 fn chairs(seeds: &Seeds) -> Result<()> {
     seeds.write("ppm", "image", &[b"P6\n# a comment\n5 4\n255\n", &[200; 60][..]].concat())?;
-    Ok(flo::write(&seeds.path("flo", "flow")?, &ramp(2, 4, 5))?)
+    Ok(flo::write(&seeds.path("flo", "flow")?, &ramp(2, 4, 5), Overwrite::Allow)?)
 }
 
 /// Each net with its manifest in one input: manifest, zero byte, tensors.

@@ -8,6 +8,9 @@ use std::time::Instant;
 use dataset::material::maps::MaterialMaps;
 use dataset::material::procedural::{Family, generate};
 use image::{Rgb, RgbImage};
+use render::brdf::BrdfModel;
+use render::light::{Light, radiance};
+use render::texel::Texel;
 
 /// Texels per edge of a material.
 const SIZE: usize = 1024;
@@ -101,12 +104,18 @@ fn pixel(maps: &MaterialMaps, picture: usize, x: usize, y: usize) -> [f32; 3] {
             let at = |planes: &ops::planes::Planes| -> [f32; 3] {
                 std::array::from_fn(|c| planes.at(c.min(planes.channels - 1), ty, tx))
             };
+            let texel = Texel {
+                normal: at(&maps.normal),
+                diffuse: at(&maps.diffuse),
+                roughness: at(&maps.roughness)[0],
+                specular: at(&maps.specular),
+            };
             let value = match picture {
-                0 => flash(at(&maps.normal), at(&maps.diffuse), at(&maps.roughness)[0], at(&maps.specular), x, y),
-                1 => at(&maps.normal).map(|v| (0.5 * v + 0.5).powf(2.2)),
-                2 => at(&maps.diffuse),
-                3 => at(&maps.roughness).map(|v| v.powf(2.2)),
-                _ => at(&maps.specular),
+                0 => flash(&texel, x, y),
+                1 => texel.normal.map(|v| (0.5 * v + 0.5).powf(2.2)),
+                2 => texel.diffuse,
+                3 => [texel.roughness.powf(2.2); 3],
+                _ => texel.specular,
             };
             (0..3).for_each(|c| sum[c] += value[c] / (per * per) as f32);
         }
@@ -114,15 +123,10 @@ fn pixel(maps: &MaterialMaps, picture: usize, x: usize, y: usize) -> [f32; 3] {
     sum
 }
 
-/// Cook-Torrance under a light at the camera, straight above the window.
-fn flash(n: [f32; 3], diffuse: [f32; 3], roughness: f32, specular: [f32; 3], x: usize, y: usize) -> [f32; 3] {
+/// The window lit and seen from straight above, as bright as the diffuse albedo in its middle.
+fn flash(texel: &Texel, x: usize, y: usize) -> [f32; 3] {
+    const EYE: [f32; 3] = [0.0, 0.0, 1.0];
+    let flash = Light::Flash { position: EYE, axis: [0.0, 0.0, -1.0], intensity: std::f32::consts::PI, exponent: 0.0 };
     let at = |p: usize| (2.0 * p as f32 / TILE as f32 - 1.0) * TAN;
-    let v = [-at(x), at(y), 1.0];
-    let d2 = v.iter().map(|c| c * c).sum::<f32>();
-    let cos = (n.iter().zip(v).map(|(a, b)| a * b).sum::<f32>() / d2.sqrt()).max(0.01);
-    let alpha = roughness.max(0.03).powi(2);
-    let t = cos * cos * (alpha * alpha - 1.0) + 1.0;
-    let ndf = alpha * alpha / (std::f32::consts::PI * t * t);
-    let masking = 1.0 / (cos * (1.0 - 0.5 * alpha) + 0.5 * alpha).powi(2);
-    std::array::from_fn(|c| (diffuse[c] + std::f32::consts::PI * specular[c] * ndf * masking / 4.0) * cos / d2)
+    radiance(texel, [at(x), -at(y), 0.0], EYE, &[flash], BrdfModel::default())
 }

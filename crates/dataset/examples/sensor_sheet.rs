@@ -9,6 +9,9 @@
 //! defaults, for the eye. Columns: frames 10, 60 and 120 of one video; then frame 120 less that of the ideal sensor, times
 //! 2, about grey.
 
+#[path = "material_coverage/lettering.rs"]
+mod lettering;
+
 use std::sync::Arc;
 
 use dataset::material::augment::AugmentConfig;
@@ -17,10 +20,10 @@ use dataset::material::{Material, MaterialInfo};
 use dataset::sequence::sensor::SensorConfig;
 use dataset::sequence::{Sequence, SequenceConfig};
 use dataset::stream::Stream;
+use image::{Rgb, RgbImage};
 use ops::planes::Planes;
-use render::visual::{below, beside};
 
-/// One line per row: a table of `dataset::sequence::sensor::SensorConfig`.
+/// One line per row: a table of `dataset::sequence::sensor::SensorConfig`; none for the ideal sensor.
 const OPTIONS: &str = "
 vignetting = { corner_loss = [0.6, 0.6] }
 exposure = { stops = 1.0 }
@@ -32,16 +35,22 @@ compression = { quality = [12, 12] }";
 const FRAMES: [usize; 3] = [10, 60, 120];
 /// Factor on the difference from the ideal sensor.
 const DIFFERENCE_GAIN: f32 = 2.0;
+/// Paper around pictures and texts, in pixels.
+const GAP: usize = 4;
+const PAPER: [u8; 3] = [250, 250, 248];
+const INK: [u8; 3] = [40, 40, 40];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
     let out = arguments.next().ok_or("usage: sensor_sheet OUT.png [RESOLUTION]")?;
     let res: usize = arguments.next().map_or(Ok(160), |text| text.parse())?;
     let material = bricks()?;
-    let mut rows = vec![];
+    let options: Vec<SensorConfig> = OPTIONS.lines().map(toml::from_str).collect::<Result<_, _>>()?;
+    let name = |line: &str| line.split_once(" =").map_or("ideal".into(), |(name, _)| name.replace('_', " "));
+    let names: Vec<String> = OPTIONS.lines().map(name).chain(["all of them".into()]).collect();
+    let mut sheet = Sheet::new(&names, res);
     let mut ideal: Option<Planes> = None;
-    let options: Result<Vec<SensorConfig>, _> = OPTIONS.lines().map(toml::from_str).collect();
-    for sensor in options?.into_iter().chain([SensorConfig::phone()]) {
+    for (row, sensor) in options.into_iter().chain([SensorConfig::phone()]).enumerate() {
         let mut config = SequenceConfig { sensor, augment: AugmentConfig::none(), ..SequenceConfig::svbrdf() };
         config.path.line_share = 0.0;
         config.validate()?;
@@ -52,14 +61,50 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             data: frames[2].data.iter().zip(&reference.data).map(|(a, b)| 0.5 + DIFFERENCE_GAIN * (a - b)).collect(),
             ..frames[2].clone()
         };
-        rows.push(beside(&[&frames[0], &frames[1], &frames[2], &difference]));
+        frames.iter().chain([&difference]).enumerate().for_each(|(column, picture)| sheet.paste(row, column, picture));
     }
-    let sheet = below(&rows.iter().collect::<Vec<_>>());
-    image::RgbImage::from_fn(sheet.width as u32, sheet.height as u32, |x, y| {
-        image::Rgb([0, 1, 2].map(|c| (sheet.at(c, y as usize, x as usize).clamp(0.0, 1.0) * 255.0).round() as u8))
-    })
-    .save(out)?;
+    sheet.picture.save(out)?;
     Ok(())
+}
+
+/// Pictures in rows and columns with a little paper between them, and what they are beside and above.
+struct Sheet {
+    picture: RgbImage,
+    /// The first picture's corner.
+    corner: [usize; 2],
+    res: usize,
+}
+
+impl Sheet {
+    fn new(names: &[String], res: usize) -> Self {
+        let titles = FRAMES.map(|frame| format!("frame {frame}")).into_iter().chain(["difference".into()]);
+        let label_width = names.iter().map(|name| lettering::width(name)).max().unwrap_or(0);
+        let corner = [label_width + 2 * GAP, lettering::HEIGHT + 2 * GAP];
+        let side = |corner: usize, count: usize| (corner + count * (res + GAP)) as u32;
+        let size = [side(corner[0], FRAMES.len() + 1), side(corner[1], names.len())];
+        let mut sheet = Self { picture: RgbImage::from_pixel(size[0], size[1], Rgb(PAPER)), corner, res };
+        for (column, title) in titles.enumerate() {
+            let x = sheet.place(0, column)[0];
+            lettering::write(&mut sheet.picture, [x, GAP], &title, INK);
+        }
+        for (row, name) in names.iter().enumerate() {
+            let y = sheet.place(row, 0)[1];
+            lettering::write(&mut sheet.picture, [GAP, y], name, INK);
+        }
+        sheet
+    }
+
+    fn place(&self, row: usize, column: usize) -> [usize; 2] {
+        [self.corner[0] + column * (self.res + GAP), self.corner[1] + row * (self.res + GAP)]
+    }
+
+    fn paste(&mut self, row: usize, column: usize, picture: &Planes) {
+        let [x0, y0] = self.place(row, column);
+        for (y, x) in (0..self.res * self.res).map(|i| (i / self.res, i % self.res)) {
+            let codes = [0, 1, 2].map(|c| (picture.at(c, y, x).clamp(0.0, 1.0) * 255.0).round() as u8);
+            self.picture.put_pixel((x0 + x) as u32, (y0 + y) as u32, Rgb(codes));
+        }
+    }
 }
 
 fn bricks() -> Result<Arc<Material>, Box<dyn std::error::Error>> {

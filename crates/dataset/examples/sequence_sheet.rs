@@ -1,7 +1,7 @@
 //! Writes contact sheets of synthetic videos and chairs pairs, and prints how fast frames are made.
 //!
 //! ```text
-//! cargo run --release -p dataset --example sequence_sheet -- FOLDER [RESOLUTION]
+//! cargo run -p dataset --example sequence_sheet -- FOLDER [RESOLUTION]
 //! ```
 //!
 //! `sequences.png`, one row per material: guidance frame; next frame; frame 40; frame 40 warped to the guidance frame
@@ -15,17 +15,18 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use dataset::chairs::{Chairs, ChairsConfig};
+use dataset::image_io::{Overwrite, write_png8};
 use dataset::material::procedural::{Family, generate};
 use dataset::material::{Material, MaterialInfo};
 use dataset::sequence::{Sequence, SequenceConfig};
 use dataset::stream::Stream;
-use ops::colour::gamma_encode;
 use ops::flow_field::warp_planes;
 use ops::planes::{Mask, Planes};
+use render::visual::{below, beside, row_picture};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
-    let folder = PathBuf::from(arguments.next().ok_or("give a folder to write to")?);
+    let folder = PathBuf::from(arguments.next().ok_or("usage: sequence_sheet FOLDER [RESOLUTION]")?);
     let res: usize = arguments.next().map_or(Ok(256), |text| text.parse())?;
     std::fs::create_dir_all(&folder)?;
     let step = Family::ALL.len().div_ceil(6);
@@ -52,11 +53,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let began = Instant::now();
     let pairs = (0..5).map(|i| chairs.pair(i, material)).collect::<Result<Vec<_>, _>>()?;
     println!("{:>24}: {:6.1} pairs/s", "chairs", pairs.len() as f64 / began.elapsed().as_secs_f64());
-    let rows: Vec<Vec<Planes>> = pairs
+    let rows: Vec<Planes> = pairs
         .iter()
         .map(|p| {
             let (warped, _) = warp_planes(&p.second, &p.flow);
-            vec![p.first.clone(), p.second.clone(), masked(&warped, &p.valid), arrows(&p.first, &p.flow)]
+            beside(&[&p.first, &p.second, &masked(&warped, &p.valid), &arrows(&p.first, &p.flow)])
         })
         .collect();
     save(&folder.join("chairs.png"), &rows)?;
@@ -68,22 +69,12 @@ fn material(family: Family) -> Result<Arc<Material>, Box<dyn std::error::Error>>
     Ok(Arc::new(Material::from_maps(info, &generate(family, 3, 1024))?))
 }
 
-fn sequence_row(sequence: &Sequence, frames: &[Planes], res: usize) -> Vec<Planes> {
+fn sequence_row(sequence: &Sequence, frames: &[Planes], res: usize) -> Planes {
     let (flow, valid) = sequence.flow(0, 40, res);
     let (warped, _) = warp_planes(&frames[40], &flow);
-    let maps = sequence.target_maps(0, res);
-    let grey = |p: &Planes| Planes::stack(&[p, p, p]);
-    vec![
-        frames[0].clone(),
-        frames[1].clone(),
-        frames[40].clone(),
-        masked(&warped, &valid),
-        arrows(&frames[0], &sequence.flow(0, 1, res).0),
-        maps.normal.map(|v| 0.5 + 0.5 * v),
-        maps.diffuse.map(gamma_encode),
-        grey(&maps.roughness),
-        maps.specular.map(gamma_encode),
-    ]
+    let moved = arrows(&frames[0], &sequence.flow(0, 1, res).0);
+    let maps = row_picture(&sequence.target_maps(0, res));
+    beside(&[&frames[0], &frames[1], &frames[40], &masked(&warped, &valid), &moved, &maps])
 }
 
 fn masked(image: &Planes, valid: &Mask) -> Planes {
@@ -113,15 +104,8 @@ fn arrows(image: &Planes, flow: &Planes) -> Planes {
     out
 }
 
-fn save(path: &Path, rows: &[Vec<Planes>]) -> Result<(), Box<dyn std::error::Error>> {
-    let side = rows[0][0].height;
-    let (width, height) = (rows[0].len() * side, rows.len() * side);
-    let sheet = image::RgbImage::from_fn(width as u32, height as u32, |x, y| {
-        let (x, y) = (x as usize, y as usize);
-        let tile = &rows[y / side][x / side];
-        image::Rgb(std::array::from_fn(|c| (tile.at(c, y % side, x % side).clamp(0.0, 1.0) * 255.0).round() as u8))
-    });
-    sheet.save(path)?;
+fn save(path: &Path, rows: &[Planes]) -> Result<(), Box<dyn std::error::Error>> {
+    write_png8(path, &below(&rows.iter().collect::<Vec<_>>()), Overwrite::Allow)?;
     println!("{}", path.display());
     Ok(())
 }

@@ -1,11 +1,6 @@
 //! Damage to the bytes of a good file, for tests of readers: bytes replaced anywhere, the end cut off.
 
-use std::time::{Duration, Instant};
-
 use proptest::prelude::*;
-
-/// A reader of a small file that takes longer (on a busy machine) believes a size that the file can't have.
-const PATIENCE: Duration = Duration::from_secs(20);
 
 /// What happens to a file; places are shares of its length.
 #[derive(Clone, Debug)]
@@ -31,12 +26,4 @@ impl Damage {
         bytes.truncate((self.kept * bytes.len() as f64).ceil() as usize);
         bytes
     }
-}
-
-/// What `read` returns, if it does so in bounded time.
-pub(crate) fn in_time<T>(read: impl FnOnce() -> T) -> T {
-    let start = Instant::now();
-    let result = read();
-    assert!(start.elapsed() < PATIENCE, "{:?}", start.elapsed());
-    result
 }

@@ -7,7 +7,7 @@ use rand::{Rng, RngExt};
 use render::svbrdf::SvbrdfImage;
 use serde::{Deserialize, Serialize};
 
-use crate::mixing::Mixing;
+use crate::mixing::{MOST_MIXED, Mixing};
 use crate::sequence::Sequence;
 
 /// Exemplars per video: each of the first 20 frames is the guidance image of one (§4).
@@ -31,8 +31,6 @@ pub struct Exemplar {
     pub homographies: Vec<Homography>,
     /// The maps that the guidance frame sees, normals in its axes.
     pub target: SvbrdfImage,
-    /// What the video shows, for reports.
-    pub material: String,
     /// Indices of the guidance frame and the key frames in the video.
     pub indices: Vec<usize>,
 }
@@ -89,8 +87,8 @@ impl ExemplarConfig {
         if !(1 <= low && low <= high && high <= SPAN[0]) {
             return fail("key_frames", format!("[{low}, {high}]"), "[low, high] with 1 ≤ low ≤ high ≤ 60");
         }
-        if self.mixed_videos == 0 {
-            return fail("mixed_videos", "0".into(), "at least 1");
+        if !(1..=MOST_MIXED).contains(&self.mixed_videos) {
+            return fail("mixed_videos", self.mixed_videos.to_string(), "1 to 100000");
         }
         Ok(())
     }
@@ -147,7 +145,6 @@ impl Exemplar {
             valid,
             homographies,
             target: video.target_maps(guidance, side),
-            material: video.material().to_owned(),
             indices,
         }
     }
@@ -220,6 +217,7 @@ mod tests {
         assert!(refused(ExemplarConfig { key_frames: [5, 4], ..Default::default() }).contains("key_frames is [5, 4]"));
         assert!(refused(ExemplarConfig { key_frames: [0, 4], ..Default::default() }).contains("1 ≤ low"));
         assert!(refused(ExemplarConfig { resolution: 4, ..Default::default() }).contains("resolution is 4"));
+        assert!(refused(ExemplarConfig { mixed_videos: u64::MAX, ..Default::default() }).contains("expected 1 to 100000"));
         ExemplarConfig::default().validate().unwrap();
     }
 }

@@ -4,6 +4,9 @@ use rand::seq::SliceRandom;
 
 use crate::stream::Stream;
 
+/// Most videos that a window may hold: its order is kept in memory while an item is looked up.
+pub const MOST_MIXED: u64 = 100_000;
+
 /// Mixes the items (exemplars, pairs) of consecutive videos.
 ///
 /// Videos are taken in windows. All items of a window's videos are shuffled together by a stream that is named by the

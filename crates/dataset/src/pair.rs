@@ -7,7 +7,6 @@ use rand::seq::SliceRandom;
 use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 
-use crate::material::texture::Texture;
 use crate::sequence::{FrameWarp, Sequence};
 
 /// Overlaps narrower than this teach nothing (§5).
@@ -34,10 +33,6 @@ pub struct FlowPair {
     pub flow: Planes,
     /// Pixels of `first` whose point is seen in `second`.
     pub valid: Mask,
-    /// What the images show, for reports.
-    pub material: String,
-    /// Whether it shows enough detail to align by.
-    pub textured: bool,
 }
 
 /// How pairs are made from a video.
@@ -185,8 +180,6 @@ impl FlowPair {
             second: self.second.crop(y, x, side, side),
             valid: self.valid.crop(y, x, side, side).and(&stays),
             flow,
-            material: self.material.clone(),
-            textured: self.textured,
         })
     }
 
@@ -212,7 +205,7 @@ impl FlowPair {
         }
         let [first, second] = images;
         let (flow, valid) = warp.flow([first.height, first.width], [second.height, second.width]);
-        Self { flow, valid, first, second, material: video.material().to_owned(), textured: video.texture() == Texture::Rich }
+        Self { first, second, flow, valid }
     }
 }
 

@@ -114,7 +114,7 @@ fn seeds_and_families_give_different_materials() {
     }
     let names: HashSet<&str> = Family::ALL.iter().map(|f| f.name()).collect();
     assert_eq!(names.len(), Family::ALL.len());
-    assert!(names.len() >= 14);
+    assert!(names.len() >= 20);
     for &family in Family::ALL {
         assert_eq!(Family::from_name(family.name()), Some(family));
     }

@@ -1,61 +1,18 @@
-//! The camera's sensor: noise, clipping, encoding and quantisation (paper §4).
+//! The camera's sensor: clipping, encoding and quantisation (paper §4).
 
 use ops::colour::GAMMA;
 use ops::planes::Planes;
-use rand::{Rng, RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, LogNormal, StandardNormal};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
-/// Median of the noise's standard deviation in linear space.
-pub const NOISE_MEDIAN: f32 = 0.005;
-/// Standard deviation of its logarithm.
-pub const NOISE_SPREAD: f32 = 0.3;
-
-/// How one frame is read out.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Sensor {
-    /// Standard deviation of the Gaussian noise in linear space.
-    pub sigma: f32,
-    /// Seed of the frame's noise.
-    pub seed: u64,
-}
-
-impl Sensor {
-    /// A sensor with the paper's random noise, sigma = exp(N(ln 0.005, 0.3)), for one frame.
-    pub fn draw(rng: &mut impl Rng) -> Self {
-        let spread = LogNormal::new(NOISE_MEDIAN.ln(), NOISE_SPREAD).expect("the spread is finite");
-        Self { sigma: spread.sample(rng), seed: rng.random() }
-    }
-
-    /// A sensor that only clips, encodes and quantises.
-    pub fn noiseless() -> Self {
-        Self { sigma: 0.0, seed: 0 }
-    }
-
-    /// Linear light to the frame a program reads: noise, clip to [0, 1], power 1/2.2, 8 bits.
-    ///
-    /// Values come back as multiples of 1/255. Every row has its own noise stream, so the result doesn't depend on the
-    /// number of threads.
-    pub fn expose(&self, linear: &Planes) -> Planes {
-        let mut frame = Planes::new(linear.channels, linear.height, linear.width);
-        let encoder = Encoder::shared();
-        let rows = frame.data.par_chunks_mut(linear.width).zip(linear.data.par_chunks(linear.width));
-        rows.enumerate().for_each(|(row, (out, light))| {
-            if self.sigma == 0.0 {
-                out.iter_mut().zip(light).for_each(|(value, &x)| *value = encoder.encode(x));
-                return;
-            }
-            let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
-            rng.set_stream(row as u64);
-            for (value, &x) in out.iter_mut().zip(light) {
-                let noise: f32 = rng.sample(StandardNormal);
-                *value = encoder.encode(x + self.sigma * noise);
-            }
-        });
-        frame
-    }
+/// Linear light to the frame a program reads: clip to [0, 1], power 1/2.2, 8 bits. Noise is light and is added before.
+///
+/// Values come back as multiples of 1/255.
+pub fn expose(linear: &Planes) -> Planes {
+    let mut frame = Planes::new(linear.channels, linear.height, linear.width);
+    let encoder = Encoder::shared();
+    let rows = frame.data.par_chunks_mut(linear.width).zip(linear.data.par_chunks(linear.width));
+    rows.for_each(|(out, light)| out.iter_mut().zip(light).for_each(|(value, &x)| *value = encoder.encode(x)));
+    frame
 }
 
 /// Linear value to 8-bit code without a power or a branch per pixel: by a table over √x, in which the codes' thresholds lie
@@ -127,27 +84,9 @@ mod tests {
     }
 
     #[test]
-    fn noise_has_its_deviation_and_repeats() {
-        let grey = Planes::constant(128, 128, &[0.2; 3]);
-        let sensor = Sensor { sigma: 0.01, seed: 4 };
-        let frame = sensor.expose(&grey);
-        assert_eq!(frame, sensor.expose(&grey));
-        let light: Vec<f64> = frame.data.iter().map(|&v| f64::from(v).powf(2.2)).collect();
-        let mean = light.iter().sum::<f64>() / light.len() as f64;
-        let deviation = (light.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / light.len() as f64).sqrt();
-        assert!((mean - 0.2).abs() < 5e-4 && (deviation - 0.01).abs() < 3e-4, "{mean} {deviation}");
-        assert_ne!(frame, Sensor { seed: 5, ..sensor }.expose(&grey));
-        assert_ne!(frame.plane(0)[..128], frame.plane(0)[128..256], "rows differ");
-        assert_eq!(frame.data[0] * 255.0, (frame.data[0] * 255.0).round());
-        assert_eq!(Sensor::noiseless().expose(&grey).data[0], (gamma_encode(0.2) * 255.0).round() / 255.0);
-    }
-
-    #[test]
-    fn drawn_noise_is_log_normal() {
-        let mut rng = ChaCha8Rng::seed_from_u64(7);
-        let logs: Vec<f32> = (0..4000).map(|_| Sensor::draw(&mut rng).sigma.ln()).collect();
-        let mean = logs.iter().sum::<f32>() / logs.len() as f32;
-        let spread = (logs.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / logs.len() as f32).sqrt();
-        assert!((mean - NOISE_MEDIAN.ln()).abs() < 0.03 && (spread - NOISE_SPREAD).abs() < 0.02);
+    fn frames_hold_multiples_of_a_code() {
+        let light = Planes::from_vec(3, 1, 2, vec![0.2, -1.0, 0.5, 2.0, 0.0, 1.0]);
+        let grey = |x: f32| (gamma_encode(x) * 255.0).round() / 255.0;
+        assert_eq!(expose(&light).data, [grey(0.2), 0.0, grey(0.5), 1.0, 0.0, 1.0]);
     }
 }

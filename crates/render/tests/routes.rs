@@ -88,12 +88,14 @@ fn fused_losses_are_the_tensor_route_in_value_and_gradient() {
     for model in models() {
         let (r, t, exact) = gradients(loss::rendering_losses, &pred, &target, model);
         let (fused_r, fused_t, fast) = gradients(fused::rendering_losses, &pred, &target, model);
+        // The authors' 1 − (n·h)²(1 − alpha²) cancels at the peak, in either route.
+        let bound = if model.specular == SpecularModel::Ggx { 1e-5 } else { 5e-5 };
         assert!((r - fused_r).abs() < 1e-5 * r && (t - fused_t).abs() < 1e-5 * t, "{r} {fused_r} {t} {fused_t}");
         for (map, (a, b)) in exact.iter().zip(&fast).enumerate() {
             assert!(a.iter().chain(b).all(|v| v.is_finite()));
             let norm = a.iter().map(|v| v * v).sum::<f32>().sqrt();
             let apart = a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum::<f32>().sqrt();
-            assert!(norm > 0.0 && apart < 1e-4 * norm, "{model:?} map {map}: {apart} of {norm}");
+            assert!(norm > 0.0 && apart < bound * norm, "{model:?} map {map}: {apart} of {norm}");
         }
     }
 }
@@ -101,14 +103,16 @@ fn fused_losses_are_the_tensor_route_in_value_and_gradient() {
 #[test]
 fn the_tensor_route_has_the_gradient_of_central_differences() {
     let views = LossViews::draw(&mut ChaCha8Rng::seed_from_u64(12));
-    let maps = random_maps(1, 2, 0.2, 13);
+    let mut maps = random_maps(1, 2, 0.2, 13);
+    maps.roughness = maps.roughness.map(|r| r.max(0.3)); // lobes that a step of the differences doesn't jump over
     let packed: Vec<f32> = maps.maps().iter().flat_map(|p| p.data.iter().copied()).collect();
     for model in models() {
-        for view in [&views.rendering[0], &views.top[0]] {
+        // Far, near and mirrored, near and in one place.
+        for view in [&views.rendering[0], &views.rendering[3], &views.top[0]] {
             let error = largest_relative_error(&packed, [1, 10, 1, 2], 1e-3, |x| {
                 (shade::render(&Svbrdf::from_stacked(x), view, model) + 0.1).log().sum()
             });
-            assert!(error < 2e-2, "{model:?}: {error}");
+            assert!(error < 5e-3, "{model:?}: {error}");
         }
     }
 }

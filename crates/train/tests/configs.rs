@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use dataset::sequence::sensor::{CompressionConfig, SensorConfig};
 use flow::pwc::{Connections, Prediction, PwcConfig, Upsampling};
 use train::config::{Config, FlowInit, Schedule};
 use train::sweep::{Sweep, plan};
@@ -79,6 +80,18 @@ fn a_table_given_in_part_keeps_the_programs_defaults() {
     let config = Config::load(path.to_str().unwrap(), &[]).unwrap();
     let flow_videos = dataset::sequence::SequenceConfig::flow();
     assert_eq!(config.adjacent.videos, dataset::sequence::SequenceConfig { noise_scale: 0.5, ..flow_videos });
+}
+
+#[test]
+fn the_papers_videos_have_an_ideal_sensor_and_the_main_jobs_have_a_phones() {
+    let compression = Some(CompressionConfig { quality: [70, 95] });
+    let phone = SensorConfig { compression, ..SensorConfig::phone() };
+    for (name, sensor) in [("paper", SensorConfig::default()), ("spiral", phone)] {
+        let config = Config::load(name, &[]).unwrap();
+        for videos in [&config.adjacent.videos, &config.distant.videos, &config.svbrdf.videos] {
+            assert_eq!(videos.sensor, sensor, "{name}");
+        }
+    }
 }
 
 #[test]

@@ -170,6 +170,7 @@ impl<'a> Collector<'a> {
         let mut flags = keep.iter();
         self.frames.retain(|_| flags.next().copied().unwrap_or(false));
         self.indices.retain(|i| i % self.stride == 0);
+        self.black.retain(|i| i % self.stride == 0);
     }
 
     pub(super) fn finish(mut self, kind: ClipKind, fps: Option<f64>) -> Result<Clip, CaptureError> {

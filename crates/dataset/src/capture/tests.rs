@@ -136,6 +136,14 @@ fn every_bad_folder_has_its_own_error() {
     let clip = read(folder.path(), &config(None)).unwrap();
     assert_eq!(clip.indices, [1, 2, 3]);
     assert!(clip.notes[0].contains("black"), "{:?}", clip.notes);
+    // Three dark frames of ten are no dark clip, thinned or not.
+    for i in 0..10 {
+        let dark = Planes::constant(64, 64, &[0.004; 3]);
+        let planes = if i < 3 { dark } else { frame(i, 64, 64) };
+        write_png8(&at(&format!("frame{i}.png")), &planes, Overwrite::Allow).unwrap();
+    }
+    let thinned = read(folder.path(), &CaptureConfig { max_frames: 4, ..config(None) }).unwrap();
+    assert_eq!(thinned.indices, [4, 6, 8]);
     fs::write(at("frame2.png"), b"").unwrap();
     assert!(matches!(read_it(), CaptureError::Image(ImageError::Empty { .. })));
     fs::write(at("frame2.png"), b"text").unwrap();

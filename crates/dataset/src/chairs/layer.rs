@@ -151,14 +151,6 @@ impl Layer {
         Self { outline, reach, surface, channels, motion, seen }
     }
 
-    pub(super) fn name(&self) -> &str {
-        self.surface.name()
-    }
-
-    pub(super) fn textured(&self) -> bool {
-        self.surface.material.textured()
-    }
-
     /// Where a point of the first image is in the second.
     pub(super) fn moved(&self, x: f64, y: f64) -> [f64; 2] {
         self.motion.apply(x, y)

@@ -18,7 +18,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use render::brdf::BrdfModel;
 use render::light::{Light, radiance};
-use render::sensor::Sensor;
+use render::sensor::expose;
 use serde::{Deserialize, Serialize};
 
 use crate::material::Material;
@@ -132,19 +132,9 @@ impl Chairs {
         let scene = self.scene(index, material)?;
         let (flow, valid) = scene.flow();
         let noise = self.streams.child("chairs noise", index);
-        let image = |time: usize| {
-            let mut rng = noise.rng("image", time as u64);
-            let sigma = self.config.noise_scale * Sensor::draw(&mut rng).sigma;
-            scene.image(time, &PixelNoise::new(sigma, rng.random()))
-        };
-        Ok(FlowPair {
-            first: image(0),
-            second: image(1),
-            flow,
-            valid,
-            material: scene.layers[0].name().to_owned(),
-            textured: scene.layers[0].textured(),
-        })
+        let image =
+            |time: usize| scene.image(time, &PixelNoise::draw(self.config.noise_scale, &mut noise.rng("image", time as u64)));
+        Ok(FlowPair { first: image(0), second: image(1), flow, valid })
     }
 
     fn scene<E>(&self, index: u64, mut material: impl FnMut(u64) -> Result<Arc<Material>, E>) -> Result<Scene, E> {
@@ -221,7 +211,7 @@ impl Scene {
             }
             colour
         });
-        Sensor::noiseless().expose(&light)
+        expose(&light)
     }
 
     /// The layer that shows at a position: the topmost that covers it by half.

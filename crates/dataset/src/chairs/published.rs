@@ -126,8 +126,7 @@ impl Published {
             let inside = |v: f32, side: usize| v >= 0.0 && v <= (side - 1) as f32;
             inside(x as f32 + flow.at(0, y, x), size.1) && inside(y as f32 + flow.at(1, y, x), size.0)
         });
-        let name = stem.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(FlowPair { first, second, flow, valid, material: name, textured: true })
+        Ok(FlowPair { first, second, flow, valid })
     }
 }
 
@@ -145,6 +144,7 @@ fn image(path: &Path) -> Result<Planes, PublishedError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image_io::Overwrite;
 
     fn write_pair(folder: &Path, name: &str) {
         for ending in [FIRST, SECOND] {
@@ -154,7 +154,7 @@ mod tests {
         }
         let mut flow = Planes::constant(2, 4, &[1.0, 0.0]);
         flow.set(0, 0, 0, f32::NAN);
-        flo::write(&folder.join(format!("{name}{FLOW}")), &flow).unwrap();
+        flo::write(&folder.join(format!("{name}{FLOW}")), &flow, Overwrite::Refuse).unwrap();
     }
 
     #[test]
@@ -163,9 +163,9 @@ mod tests {
         write_pair(folder.path(), "00002");
         write_pair(folder.path(), "00001");
         let set = Published::open(folder.path()).unwrap();
-        assert_eq!(set.len(), 2);
+        assert_eq!(set.stems, ["00001", "00002"].map(|name| folder.path().join(name)));
         let pair = set.pair(0).unwrap();
-        assert_eq!((pair.material.as_str(), pair.first.width, pair.flow.channels), ("00001", 4, 2));
+        assert_eq!((pair.first.width, pair.flow.channels, set.len()), (4, 2, 2));
         let expected = [false, true, true, false, true, true, true, false];
         assert_eq!(pair.valid.data, expected, "unknown and leaving pixels are invalid");
     }
@@ -178,7 +178,7 @@ mod tests {
         write_pair(folder.path(), "7");
         std::fs::remove_file(folder.path().join("7_flow.flo")).unwrap();
         assert!(refused().contains("7_flow.flo is missing"));
-        flo::write(&folder.path().join("7_flow.flo"), &Planes::new(2, 3, 3)).unwrap();
+        flo::write(&folder.path().join("7_flow.flo"), &Planes::new(2, 3, 3), Overwrite::Refuse).unwrap();
         let size = Published::open(folder.path()).unwrap().pair(0).unwrap_err().to_string();
         assert!(size.contains("(3, 3)") && size.contains("(2, 4)"), "{size}");
         std::fs::write(folder.path().join("7_img2.ppm"), b"P6 4 2").unwrap();

@@ -7,7 +7,7 @@ use exr::prelude::{
 use proptest::prelude::*;
 
 use super::*;
-use crate::damage::{Damage, in_time};
+use crate::damage::Damage;
 
 fn ramp(channels: usize, height: usize, width: usize) -> Planes {
     let count = channels * height * width;
@@ -197,7 +197,7 @@ proptest! {
             _ => fs::write(&path, jpeg(11, 9)).unwrap(),
         }
         fs::write(&path, damage.done_to(&fs::read(&path).unwrap())).unwrap();
-        if let Ok(picture) = in_time(|| Picture::read(&path)) {
+        if let Ok(picture) = Picture::read(&path) {
             prop_assert!(picture.to_planes().data.iter().all(|v| v.is_finite()));
         }
     }

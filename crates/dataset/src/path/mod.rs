@@ -21,6 +21,9 @@ pub const CLAMP: f64 = 0.9;
 /// Least height of a camera, as a share of the height it should have.
 const LEAST_HEIGHT: f64 = 0.2;
 
+/// Longest path, at frame rate 1.
+const MOST_FRAMES: f64 = 1e5;
+
 /// Template units in half the width of a view.
 const UNITS_PER_HALF_VIEW: f64 = 12.0;
 
@@ -115,6 +118,7 @@ impl PathConfig {
         in_range("line_share", self.line_share, 0.0, 1.0, "a probability, 0 to 1")?;
         in_range("deviation_scale", self.deviation_scale, 0.0, 10.0, "a factor, 0 to 10")?;
         in_range("frame_rate", self.frame_rate, 0.05, 20.0, "a factor, 0.05 to 20")?;
+        in_range("frames", self.frames as f64, 0.0, MOST_FRAMES, "2 to 100000, an hour of video")?;
         if self.frames < 2 || self.frame_count() < 2 {
             return Err(PathError::TooFewFrames(self.frames));
         }
@@ -353,6 +357,8 @@ mod tests {
         let refused = |config: PathConfig| config.validate().unwrap_err().to_string();
         assert!(refused(PathConfig { frames: 1, ..Default::default() }).contains("frames is 1"));
         assert!(refused(PathConfig { frames: 142, ..Default::default() }).contains("141 points"));
+        let endless = PathConfig { template: Template::Zigzag, frames: usize::MAX, ..Default::default() };
+        assert!(refused(endless).contains("frames is 18446744073709552000; expected 2 to 100000"));
         assert!(refused(PathConfig { line_share: 1.5, ..Default::default() }).contains("line_share is 1.5"));
         assert!(refused(PathConfig { frame_rate: f64::NAN, ..Default::default() }).contains("frame_rate"));
         assert!(PathConfig { template: Template::Zigzag, frames: 500, ..Default::default() }.validate().is_ok());

@@ -16,13 +16,12 @@ use std::sync::Arc;
 use ops::homography::Homography;
 use ops::kernel::vectorise::vectorised;
 use ops::planes::{Mask, Planes};
-use rand::RngExt;
 use rayon::prelude::*;
 use render::block::{LANES, Lane};
 use render::brdf::BrdfModel;
 use render::camera::Camera;
 use render::light::Light;
-use render::sensor::Sensor;
+use render::sensor::expose;
 use serde::{Deserialize, Serialize};
 
 use crate::material::augment::{AugmentConfig, AugmentError, Augmentation, AugmentedMaterial};
@@ -251,15 +250,12 @@ impl Sequence {
                 std::array::from_fn(|c| balance[c] * (light[c] + noise[c]))
             },
         );
-        Sensor::noiseless().expose(&light)
+        expose(&light)
     }
 
     fn noise(&self, frame: usize) -> PixelNoise {
-        self.noise.map_or(PixelNoise::new(0.0, 0), |streams| {
-            let mut rng = streams.rng("frame", frame as u64);
-            let Sensor { sigma, .. } = Sensor::draw(&mut rng);
-            PixelNoise::new(self.noise_scale * sigma, rng.random())
-        })
+        let drawn = |streams: Stream| PixelNoise::draw(self.noise_scale, &mut streams.rng("frame", frame as u64));
+        self.noise.map_or(PixelNoise::new(0.0, 0), drawn)
     }
 
     /// How much of the video has passed at a frame, 0 to 1.

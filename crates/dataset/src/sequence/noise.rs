@@ -1,7 +1,14 @@
-//! Sensor noise as a function of the pixel, so that a crop of a frame holds the same noise as the whole frame.
+//! Sensor noise (§4) as a function of the pixel, so that a crop of a frame holds the same noise as the whole frame.
 
 use std::sync::OnceLock;
 
+use rand::{Rng, RngExt};
+use rand_distr::{Distribution, LogNormal};
+
+/// Median of the noise's standard deviation in linear light.
+const MEDIAN: f32 = 0.005;
+/// Standard deviation of its logarithm.
+const LOG_SPREAD: f32 = 0.3;
 /// Entries of the table of normal quantiles.
 const QUANTILES: usize = 1 << 12;
 
@@ -13,6 +20,14 @@ pub struct PixelNoise {
 }
 
 impl PixelNoise {
+    /// The noise of one frame, sigma = `scale`·exp(N(ln 0.005, 0.3)).
+    pub fn draw(scale: f32, rng: &mut impl Rng) -> Self {
+        let sigma = LogNormal::new(MEDIAN.ln(), LOG_SPREAD).expect("the spread is a finite constant").sample(rng);
+        // The first number is passed over, as ever: a change would change every video of a seed.
+        let [_, key] = rng.random();
+        Self::new(scale * sigma, key)
+    }
+
     /// The noise of a frame with the given standard deviation; frames with different keys share nothing.
     pub fn new(sigma: f32, key: u64) -> Self {
         Self { sigma, key }

@@ -5,6 +5,7 @@
 
 mod augment;
 mod exemplar;
+#[path = "../../../../tests/statistics/laws.rs"]
 mod laws;
 mod light;
 mod noise;

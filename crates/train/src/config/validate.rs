@@ -2,6 +2,7 @@
 
 use super::optimisation::{Optimisation, Teaching};
 use super::tables::Config;
+use dataset::mixing::MOST_MIXED;
 use std::fmt::Display;
 use svbrdf::loss::LossWeights;
 
@@ -112,7 +113,8 @@ impl Config {
             findings.require(cut, "pairs.crop", "0 (no crop)", "a crop, because overlaps of different sizes can't be batched");
             findings.ask("videos", stage.videos.validate());
             findings.ask("loss", stage.loss.validate(levels));
-            findings.require(stage.mixed_videos >= 1, "mixed_videos", stage.mixed_videos, "at least 1");
+            let mixed = (1..=MOST_MIXED).contains(&stage.mixed_videos);
+            findings.require(mixed, "mixed_videos", stage.mixed_videos, "1 to 100000");
             check_teaching(findings, stage.batch, &stage.teaching, stage.validation_pairs, &stage.optimisation);
         }
     }

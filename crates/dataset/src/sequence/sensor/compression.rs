@@ -16,7 +16,7 @@ pub const REACH: usize = 2;
 /// A frame after a trip through JPEG at the given quality, 1 to 100, colour at half resolution (4:2:0) as in videos.
 ///
 /// # Shapes
-/// 3 planes with multiples of 1/255, as [`render::sensor::Sensor::expose`] makes them, in and out.
+/// 3 planes with multiples of 1/255, as [`render::sensor::expose`] makes them, in and out.
 pub fn compressed(frame: &Planes, quality: u8) -> Planes {
     const IN_MEMORY: &str = "8-bit RGB with sides of at most 65535 pixels fits a JPEG in memory";
     let (width, height, area) = (frame.width, frame.height, frame.area());
