@@ -6,7 +6,7 @@
 
 use super::correlate::{Part, Target, correlate};
 use super::enlarging;
-use super::rows::{column_field, column_rows, padded_field, padded_rows, reverse_columns, zeros};
+use super::rows::{column_field, column_rows, filled, padded_field, padded_rows, reverse_columns, zeros};
 use super::tile::TILE;
 use super::transposed::{Bordered, Tap, input_gradient};
 use super::weight_gradient::correlate_gradient;
@@ -82,24 +82,27 @@ pub fn forward(x: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
         return enlarging::forward(x, w, s);
     }
     let area = s.oh() * s.ow();
-    let mut out = zeros(s.n * s.outputs * area);
+    let count = s.n * s.outputs * area;
     let kernel = |o: usize, c: usize| s.kernel(w, o, c).try_into().expect("a kernel has nine weights");
     if winograd::pays(s, s.inputs, s.outputs, FEWEST_TILES) {
         let part = winograd::Part { start: 0, extents: [Extent::Whole; 2], kernel };
-        winograd::correlate(x, s, |_| [Extent::Whole; 2], &[part], &mut out, &s.output_target());
-        return out;
+        // SAFETY: the one part has every result.
+        return unsafe {
+            filled(count, |out| winograd::correlate(x, s, |_| [Extent::Whole; 2], &[part], out, &s.output_target()))
+        };
     }
     let weights = |o: usize, c: usize, taps: &mut [f32]| taps.copy_from_slice(s.kernel(w, o, c));
     if s.narrow() {
         let (rows, pixels) = (column_rows(x, s), s.n * area);
         let part = Part::new(column_field(&rows, 0..s.taps(), pixels), 0, s.outputs, 9, weights);
-        correlate(&rows, s.outputs, &[part], &mut out, &Target::columns(pixels));
+        // SAFETY: the one part has every result.
+        let out = unsafe { filled(count, |out| correlate(&rows, s.outputs, &[part], out, &Target::columns(pixels))) };
         return swap_axes(&out, s.outputs, s.n, area);
     }
     let rows = padded_rows(x, s);
     let part = Part::new(padded_field(&rows, s), 0, s.outputs, 9, weights);
-    correlate(&rows, s.outputs, &[part], &mut out, &s.output_target());
-    out
+    // SAFETY: the one part has every result.
+    unsafe { filled(count, |out| correlate(&rows, s.outputs, &[part], out, &s.output_target())) }
 }
 
 /// Gradient of the input: `gradient [N, O, oh, ow]` → `[N, I, H, W]`
@@ -135,9 +138,9 @@ pub(super) fn input_gradient_narrow(
 ) -> Vec<f32> {
     let (rows, pixels) = (reverse_columns(gradient, s.outputs, planes, taps, s), s.n * s.h * s.w);
     let field = column_field(&rows, 0..s.outputs * taps.len(), pixels);
-    let mut out = zeros(s.inputs * pixels);
     let part = Part::new(field, 0, s.inputs, taps.len(), weights);
-    correlate(&rows, s.inputs, &[part], &mut out, &Target::columns(pixels));
+    // SAFETY: the one part has every result.
+    let out = unsafe { filled(s.inputs * pixels, |out| correlate(&rows, s.inputs, &[part], out, &Target::columns(pixels))) };
     swap_axes(&out, s.inputs, s.n, s.h * s.w)
 }
 

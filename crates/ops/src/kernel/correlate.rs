@@ -1,5 +1,7 @@
 //! Correlation of pixel rows with kernels: the forward pass, and the gradient of the input.
 
+use std::mem::MaybeUninit;
+
 use rayon::prelude::*;
 
 use super::rows::{Field, Rows};
@@ -70,8 +72,8 @@ unsafe impl Send for Shared {}
 // SAFETY: as above.
 unsafe impl Sync for Shared {}
 impl Shared {
-    pub fn new(out: &mut [f32]) -> Self {
-        Self(out.as_mut_ptr())
+    pub fn new(out: &mut [MaybeUninit<f32>]) -> Self {
+        Self(out.as_mut_ptr().cast())
     }
     pub fn pointer(self) -> *mut f32 {
         self.0
@@ -79,7 +81,7 @@ impl Shared {
 }
 
 /// `out[n, o, y, x] = Σ_k weight(o, k) · rows[n, y, x; k]` for all outputs of all parts, which write elements of their own.
-pub(super) fn correlate(rows: &Rows, outputs: usize, parts: &[Part], out: &mut [f32], target: &Target) {
+pub(super) fn correlate(rows: &Rows, outputs: usize, parts: &[Part], out: &mut [MaybeUninit<f32>], target: &Target) {
     let instructions = Instructions::detect();
     let blocks = blocks(outputs);
     for Part { field: Field { height, width, .. }, start, .. } in parts.iter().filter(|_| rows.images > 0) {

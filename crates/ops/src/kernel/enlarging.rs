@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::conv::{Sizes, input_gradient_narrow, swap_axes};
 use super::correlate::{Part, Target, correlate};
-use super::rows::{Field, Rows, column_field, column_rows, padded_rows, zeros};
+use super::rows::{Field, Rows, column_field, column_rows, filled, padded_rows, zeros};
 use super::tile::{Offsets, TILE};
 use super::transposed::{Bordered, Tap, input_gradient};
 use super::weight_gradient::correlate_gradient;
@@ -93,16 +93,17 @@ fn field(rows: &Rows, s: &Sizes, phase: usize) -> Field {
 pub fn forward(x: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
     let weights = |phase: usize| move |o: usize, c: usize, taps: &mut [f32]| merge(s.kernel(w, o, c), phase, taps);
     let area = s.h * s.w;
-    let mut out = zeros(s.n * s.outputs * PHASES * area);
-    let target = phase_target(s);
+    let (count, target) = (s.n * s.outputs * PHASES * area, phase_target(s));
     if winograd::pays(s, s.inputs, PHASES * s.outputs, FEWEST_TILES) {
         let part = |phase: usize| {
             let kernel = move |o: usize, c: usize| widened(s.kernel(w, o, c), phase);
             winograd::Part { start: phase_start(phase, s), extents: extents(phase), kernel }
         };
         let parts: [_; PHASES] = std::array::from_fn(part);
-        winograd::correlate(x, &small_sizes(s), |_| [Extent::Whole; 2], &parts, &mut out, &target);
-        return out;
+        // SAFETY: the four parts have every result.
+        return unsafe {
+            filled(count, |out| winograd::correlate(x, &small_sizes(s), |_| [Extent::Whole; 2], &parts, out, &target))
+        };
     }
     if s.w < TILE {
         let (small, pixels) = (small_sizes(s), s.n * area);
@@ -114,13 +115,16 @@ pub fn forward(x: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
             });
             Part::new(column_field(&rows, columns, pixels), phase * s.outputs * pixels, s.outputs, 4, weights(phase))
         };
-        correlate(&rows, s.outputs, &std::array::from_fn::<_, PHASES, _>(part), &mut out, &Target::columns(pixels));
+        let parts: [_; PHASES] = std::array::from_fn(part);
+        // SAFETY: the four parts have every result.
+        let out = unsafe { filled(count, |out| correlate(&rows, s.outputs, &parts, out, &Target::columns(pixels))) };
         return interleaved(&swap_axes(&out, PHASES * s.outputs, s.n, area), s);
     }
     let rows = padded_rows(x, s);
     let part = |phase: usize| Part::new(field(&rows, s, phase), phase_start(phase, s), s.outputs, 4, weights(phase));
-    correlate(&rows, s.outputs, &std::array::from_fn::<_, PHASES, _>(part), &mut out, &target);
-    out
+    let parts: [_; PHASES] = std::array::from_fn(part);
+    // SAFETY: the four parts have every result.
+    unsafe { filled(count, |out| correlate(&rows, s.outputs, &parts, out, &target)) }
 }
 
 /// Gradient of the input: `gradient [N, O, 2H, 2W]` → `[N, I, H, W]`

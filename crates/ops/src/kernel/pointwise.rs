@@ -1,7 +1,10 @@
 //! Bias and leaky ReLU in one pass.
 
+use std::mem::MaybeUninit;
+
 use rayon::prelude::*;
 
+use super::rows::filled;
 use super::vectorise::vectorised;
 
 /// `leaky(x + bias)` plane by plane.
@@ -9,31 +12,37 @@ use super::vectorise::vectorised;
 /// # Shapes
 /// `x` holds planes of `area` pixels; plane `i` takes `bias[i % bias.len()]` (`[N·C]` or `[C]` values).
 pub fn bias_leaky(x: &[f32], bias: &[f32], area: usize, slope: f32) -> Vec<f32> {
-    let mut out = vec![0.0f32; x.len()];
-    out.par_chunks_mut(area).zip(x.par_chunks(area)).enumerate().with_min_len(min_planes(area)).for_each(|(i, (to, from))| {
-        let b = bias[i % bias.len()];
-        vectorised(|| {
-            for (t, &f) in to.iter_mut().zip(from) {
-                let v = f + b;
-                *t = v.max(0.0) + slope * v.min(0.0);
-            }
+    let fill = |out: &mut [MaybeUninit<f32>]| {
+        let planes = out.par_chunks_mut(area).zip(x.par_chunks(area)).enumerate().with_min_len(min_planes(area));
+        planes.for_each(|(i, (to, from))| {
+            let b = bias[i % bias.len()];
+            vectorised(|| {
+                for (t, &f) in to.iter_mut().zip(from) {
+                    let v = f + b;
+                    t.write(v.max(0.0) + slope * v.min(0.0));
+                }
+            });
         });
-    });
-    out
+    };
+    // SAFETY: every pixel has a source.
+    unsafe { filled(x.len(), fill) }
 }
 
 /// Gradient of the input from the output's signs.
 pub fn leaky_backward(output: &[f32], gradient: &[f32], slope: f32) -> Vec<f32> {
-    let mut out = vec![0.0f32; gradient.len()];
     const CHUNK: usize = 1 << 14;
-    out.par_chunks_mut(CHUNK).zip(output.par_chunks(CHUNK)).zip(gradient.par_chunks(CHUNK)).for_each(|((to, y), g)| {
-        vectorised(|| {
-            for ((t, &y), &g) in to.iter_mut().zip(y).zip(g) {
-                *t = if y > 0.0 { g } else { slope * g };
-            }
+    assert_eq!(output.len(), gradient.len());
+    let fill = |out: &mut [MaybeUninit<f32>]| {
+        out.par_chunks_mut(CHUNK).zip(output.par_chunks(CHUNK)).zip(gradient.par_chunks(CHUNK)).for_each(|((to, y), g)| {
+            vectorised(|| {
+                for ((t, &y), &g) in to.iter_mut().zip(y).zip(g) {
+                    t.write(if y > 0.0 { g } else { slope * g });
+                }
+            });
         });
-    });
-    out
+    };
+    // SAFETY: every pixel has a source.
+    unsafe { filled(gradient.len(), fill) }
 }
 
 /// The sum of each plane of `area` pixels, in eight interleaved partial sums.

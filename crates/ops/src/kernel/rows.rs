@@ -1,5 +1,7 @@
 //! The memory that the inner loops read: padded rows of pixels, or columns of an image too narrow for a register tile.
 
+use std::mem::MaybeUninit;
+
 use rayon::prelude::*;
 
 use super::conv::Sizes;
@@ -19,6 +21,18 @@ pub(super) struct Field {
     pub offsets: Offsets,
     pub height: usize,
     pub width: usize,
+}
+
+/// Numbers that `fill` writes: zeroing them before would take as long as writing them.
+///
+/// # Safety
+/// `fill` must write all of them.
+pub(super) unsafe fn filled(n: usize, fill: impl FnOnce(&mut [MaybeUninit<f32>])) -> Vec<f32> {
+    let mut numbers = Vec::with_capacity(n);
+    fill(&mut numbers.spare_capacity_mut()[..n]);
+    // SAFETY: so many were allocated, and the caller promises that they are written.
+    unsafe { numbers.set_len(n) };
+    numbers
 }
 
 /// Zeroed memory; large blocks come from the system already zero.

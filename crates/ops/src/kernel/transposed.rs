@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::conv::Sizes;
 use super::correlate::{Part, Target, correlate};
-use super::rows::{Field, Rows, zeros};
+use super::rows::{Field, Rows, filled, zeros};
 use super::tile::{Offsets, TILE};
 use crate::conv::{Conv3x3, Padding};
 
@@ -116,9 +116,10 @@ pub fn input_gradient(
         })
     });
     let area = s.h * s.w;
-    let mut out = zeros(s.n * s.inputs * area);
     let target = Target { image: s.inputs * area, channel: area, row: stride * s.w, column: stride };
-    correlate(&gradient.rows, s.inputs, &parts.collect::<Vec<_>>(), &mut out, &target);
+    let parts = parts.collect::<Vec<_>>();
+    // SAFETY: the parts have the pixels of all phases.
+    let mut out = unsafe { filled(s.n * s.inputs * area, |out| correlate(&gradient.rows, s.inputs, &parts, out, &target)) };
     if padding == Padding::Zero {
         return out;
     }
@@ -158,10 +159,9 @@ pub fn input_gradient(
 
 /// A correlation along one row or column of the border, `[N, I, length]`.
 fn along(gradient: &Bordered, parts: &[Part], length: usize, stride: usize, s: &Sizes) -> Vec<f32> {
-    let mut sums = zeros(s.n * s.inputs * length);
     let target = Target { image: s.inputs * length, channel: length, row: 0, column: stride };
-    correlate(&gradient.rows, s.inputs, parts, &mut sums, &target);
-    sums
+    // SAFETY: the parts have the pixels of all phases.
+    unsafe { filled(s.n * s.inputs * length, |out| correlate(&gradient.rows, s.inputs, parts, out, &target)) }
 }
 
 /// Adds a border's sums to the pixels that it repeats.

@@ -1,5 +1,6 @@
 //! The correlation itself, and the gradient of its image.
 
+use std::mem::MaybeUninit;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -9,7 +10,7 @@ use super::{Extent, Extents, FREQUENCIES, Grid, Piece, Pixels, RESULTS, SPAN, us
 use crate::conv::{Conv3x3, Padding};
 use crate::kernel::conv::Sizes;
 use crate::kernel::correlate::{Shared, Target, blocks, store};
-use crate::kernel::rows::zeros;
+use crate::kernel::rows::{filled, zeros};
 use crate::kernel::tile::{Instructions, MOST_OUTPUTS, Offsets, Outputs, POINTS, TILE, Window};
 
 /// Kernels below which transforming the pixels costs more than it saves.
@@ -45,7 +46,7 @@ pub(in crate::kernel) fn correlate<K: Fn(usize, usize) -> [f32; 9] + Sync>(
     s: &Sizes,
     extents: impl Fn(usize) -> Extents + Sync,
     parts: &[Part<K>],
-    out: &mut [f32],
+    out: &mut [MaybeUninit<f32>],
     target: &Target,
 ) {
     let most = |step: usize, length: usize| step * (length - 1);
@@ -222,37 +223,48 @@ pub(in crate::kernel) fn image_gradient(
     let back = Sizes { inputs: planes, outputs: s.inputs, geometry: Conv3x3::same(Padding::Zero), ..*s };
     let part = Part { start: 0, extents: [Extent::Whole; 2], kernel };
     let extents = |plane: usize| extents(plane).map(turned);
-    let mut out = zeros(s.n * s.inputs * s.h * s.w);
+    let count = s.n * s.inputs * s.h * s.w;
     let ahead = s.h * s.w;
     if s.geometry.padding == Padding::Zero {
-        correlate(gradient, &back, extents, &[part], &mut out, &back.output_target());
-        return out;
+        // SAFETY: the one part has every result.
+        return unsafe { filled(count, |out| correlate(gradient, &back, extents, &[part], out, &back.output_target())) };
     }
     // The border repeats pixels of the image, so what it takes is added to theirs: `[N, I, 2, W + 2]` and `[N, I, 2, H]`.
-    let (mut rows, mut columns) = (zeros(s.n * s.inputs * 2 * (s.w + 2)), zeros(s.n * s.inputs * 2 * s.h));
-    let [inside, above, beside] = [&mut out, &mut rows, &mut columns].map(|memory| Shared::new(memory));
-    run(Pixels { x: gradient, s: &back, border: 2, ahead }, extents, &[part], &|run: Run| {
-        let (plane, end) = (run.n * s.inputs + run.output, run.x + run.values.len());
-        // SAFETY: rows and columns are those of a padded image, and every pixel of it is written once.
-        unsafe {
-            if run.y == 0 || run.y == s.h + 1 {
-                let line = 2 * plane + usize::from(run.y > 0);
-                return store(run.values, above.pointer().add(line * (s.w + 2) + run.x), 1);
+    let (mut rows, mut columns) = (Vec::new(), Vec::new());
+    let fill = |out: &mut [MaybeUninit<f32>], rows: &mut [MaybeUninit<f32>], columns: &mut [MaybeUninit<f32>]| {
+        let [inside, above, beside] = [out, rows, columns].map(Shared::new);
+        run(Pixels { x: gradient, s: &back, border: 2, ahead }, extents, &[part], &|run: Run| {
+            let (plane, end) = (run.n * s.inputs + run.output, run.x + run.values.len());
+            // SAFETY: rows and columns are those of a padded image, and every pixel of it is written once.
+            unsafe {
+                if run.y == 0 || run.y == s.h + 1 {
+                    let line = 2 * plane + usize::from(run.y > 0);
+                    return store(run.values, above.pointer().add(line * (s.w + 2) + run.x), 1);
+                }
+                let y = run.y - 1;
+                if run.x == 0 {
+                    *beside.pointer().add(2 * plane * s.h + y) = run.values[0];
+                }
+                if end == s.w + 2 {
+                    *beside.pointer().add((2 * plane + 1) * s.h + y) = run.values[run.values.len() - 1];
+                }
+                let (from, to) = (run.x.max(1), end.min(s.w + 1));
+                if from < to {
+                    let values = &run.values[from - run.x..to - run.x];
+                    store(values, inside.pointer().add((plane * s.h + y) * s.w + from - 1), 1);
+                }
             }
-            let y = run.y - 1;
-            if run.x == 0 {
-                *beside.pointer().add(2 * plane * s.h + y) = run.values[0];
-            }
-            if end == s.w + 2 {
-                *beside.pointer().add((2 * plane + 1) * s.h + y) = run.values[run.values.len() - 1];
-            }
-            let (from, to) = (run.x.max(1), end.min(s.w + 1));
-            if from < to {
-                let values = &run.values[from - run.x..to - run.x];
-                store(values, inside.pointer().add((plane * s.h + y) * s.w + from - 1), 1);
-            }
-        }
-    });
+        });
+    };
+    let planes = s.n * s.inputs;
+    // SAFETY: the image and its border are all that the padded image has.
+    let mut out = unsafe {
+        filled(count, |out| {
+            rows = filled(planes * 2 * (s.w + 2), |rows| {
+                columns = filled(planes * 2 * s.h, |columns| fill(out, rows, columns));
+            });
+        })
+    };
     let borders = rows.par_chunks(2 * (s.w + 2)).zip(columns.par_chunks(2 * s.h));
     out.par_chunks_mut(s.h * s.w).zip(borders).for_each(|(out, (rows, columns))| {
         for (y, row) in [0, s.h - 1].into_iter().zip(rows.chunks_exact(s.w + 2)) {
