@@ -157,6 +157,11 @@ pub enum Warning {
         /// Why.
         reason: DropReason,
     },
+    /// Too little of a key frame's warp was known to make it regular: it was used as it was.
+    NotRegularised {
+        /// Its index among the frames.
+        frame: usize,
+    },
     /// There is no key frame beside the guidance image.
     NoKeyFrames,
 }
@@ -168,6 +173,7 @@ impl fmt::Display for Warning {
                 write!(f, "the motion from frame {frame} to {} was not found and is guessed from its neighbours", frame + 1)
             }
             Self::Dropped { frame, reason } => write!(f, "key frame {frame} is left out: {reason}"),
+            Self::NotRegularised { frame } => write!(f, "too little of key frame {frame}'s warp is known to make it regular"),
             Self::NoKeyFrames => write!(f, "the scan is too short for a key frame beside the guidance image"),
         }
     }
