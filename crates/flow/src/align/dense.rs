@@ -8,7 +8,7 @@ use super::compose::FlowField;
 use super::config::{AlignConfig, Regularise};
 use super::planar::{RobustFit, fit, pairs_of_flow};
 use super::pose::fit_pose;
-use super::result::{Alignment, DropReason, KeyFrame, KeyFrameStatus, Warning};
+use super::result::{Alignment, DropReason, KeyFrame, KeyFrameStatus, Seconds, Warning};
 use super::scan::{Scan, dropped, masked};
 use super::size::{Size, resized};
 
@@ -42,7 +42,7 @@ pub(super) fn align(scan: &Scan, flows: &[FlowField], distant: Option<&dyn FlowE
         (last, reached) = (start, index);
     }
     warnings.extend(dropped(&key_frames));
-    Alignment { key_frames, warnings }
+    Alignment { key_frames, warnings, seconds: Seconds::default() }
 }
 
 /// The warp of the camera pose that fits best, and whether there is one; where fewer than ten points are known, the warp as it is.

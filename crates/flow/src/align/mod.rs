@@ -32,7 +32,7 @@ mod track;
 
 pub use config::{AlignConfig, CandidateSwitches, PhotometricConfig, Regularise};
 pub use footage::Footage;
-pub use result::{AlignError, Alignment, DropReason, KeyFrame, KeyFrameStatus, Warning};
+pub use result::{AlignError, Alignment, DropReason, KeyFrame, KeyFrameStatus, Seconds, Warning};
 pub use sequence::Aligner;
 
 use ops::planes::Planes;

@@ -10,7 +10,7 @@ use super::contrast::ContrastPyramid;
 use super::footage::{Footage, digest};
 use super::graph::Place;
 use super::photometric::{Consistency, consistency};
-use super::result::{AlignError, Alignment, DropReason, KeyFrame, KeyFrameStatus, Warning};
+use super::result::{AlignError, Alignment, DropReason, KeyFrame, KeyFrameStatus, Seconds, Warning};
 use super::size::{Size, overlap, resized};
 use super::steady::{self, SteadyPattern};
 use super::steps::{NeighbourStep, neighbour_steps};
@@ -111,7 +111,7 @@ impl Scan {
         let replaced = steps.iter().enumerate().filter(|(_, s)| s.replaced);
         let mut warnings: Vec<Warning> = replaced.map(|(frame, _)| Warning::StepReplaced { frame }).collect();
         warnings.extend(dropped(&key_frames));
-        Alignment { key_frames, warnings }
+        Alignment { key_frames, warnings, seconds: Seconds::default() }
     }
 
     fn key_frame(&self, node: usize, place: &Option<Place>) -> KeyFrame {

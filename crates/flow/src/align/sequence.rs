@@ -1,5 +1,7 @@
 //! The alignment of a whole scan: the door of this module.
 
+use std::time::Instant;
+
 use ops::planes::Planes;
 
 use super::FlowEstimator;
@@ -7,7 +9,7 @@ use super::compose::FlowField;
 use super::config::{AlignConfig, Regularise};
 use super::dense;
 use super::footage::{Footage, described};
-use super::result::{AlignError, Alignment, Warning};
+use super::result::{AlignError, Alignment, Seconds, Warning};
 use super::scan::Scan;
 use super::track::Tracker;
 
@@ -49,19 +51,25 @@ impl Aligner<'_> {
                 return Err(AlignError::Unusable { image: name.into(), found: described(image), smallest: SMALLEST_SIDE });
             }
         }
+        let mut clock = Clock::start();
         let scan = Scan::new(footage, &first, guidance, &self.config)?;
+        let mut seconds = Seconds { reading: clock.lap(), ..Seconds::default() };
         if scan.keys.is_empty() {
-            return Ok(Alignment { key_frames: Vec::new(), warnings: vec![Warning::NoKeyFrames] });
+            return Ok(Alignment { key_frames: Vec::new(), warnings: vec![Warning::NoKeyFrames], seconds });
         }
         let flows = self.adjacent.map(|net| neighbour_flows(net, &scan.small));
-        match (self.config.regularise, flows) {
-            (Regularise::Pnp | Regularise::None, Some(flows)) => Ok(dense::align(&scan, &flows, self.distant, &self.config)),
+        seconds.flows = clock.lap();
+        let alignment = match (self.config.regularise, flows) {
+            (Regularise::Pnp | Regularise::None, Some(flows)) => dense::align(&scan, &flows, self.distant, &self.config),
             (_, flows) => {
                 let steps = scan.neighbour_steps(flows.as_deref(), &self.config);
+                seconds.steps = clock.lap();
                 let places = Tracker { scan: &scan, aligner: self, steps: &steps, flows: flows.as_deref() }.place();
-                Ok(scan.conclude(&places, &steps))
+                scan.conclude(&places, &steps)
             }
-        }
+        };
+        seconds.placing = clock.lap();
+        Ok(Alignment { seconds, ..alignment })
     }
 
     fn check_config(&self) -> Result<(), AlignError> {
@@ -82,6 +90,20 @@ impl Aligner<'_> {
             return config("regularise", name.into(), "the paper's chain needs the adjacent net; use \"homography\"");
         }
         Ok(())
+    }
+}
+
+/// Wall time since the last look.
+struct Clock(Instant);
+
+impl Clock {
+    fn start() -> Self {
+        Self(Instant::now())
+    }
+
+    fn lap(&mut self) -> f64 {
+        let now = Instant::now();
+        (now - std::mem::replace(&mut self.0, now)).as_secs_f64()
     }
 }
 
