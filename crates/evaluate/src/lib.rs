@@ -98,6 +98,6 @@ pub enum EvaluateError {
         expected: &'static str,
     },
     /// The person or the training run asked to stop.
-    #[error("the evaluation was stopped before it was finished; nothing was written")]
+    #[error("the evaluation was stopped before it was finished; no table was written")]
     Stopped,
 }

@@ -105,11 +105,7 @@ pub fn run(
         for (condition, changed) in &settings {
             let case = match store.read(condition, index)? {
                 Some(case) => case,
-                None => {
-                    let case = Case::measure(condition, index, &changed.sequence(library, index)?, nets, changed)?;
-                    store.write(&case)?;
-                    case
-                }
+                None => store.write(&Case::measure(condition, index, &changed.sequence(library, index)?, nets, changed)?)?,
             };
             let go_on = progress(&case);
             cases.push(case);

@@ -72,15 +72,17 @@ impl Store {
         Ok(case.filter(|case| case.settings == condition.settings))
     }
 
-    /// Keeps a case.
+    /// Keeps a case and returns it as [`Store::read`] will: a number may lose its last bit on the way through text, and an
+    /// evaluation that was stopped must not end with other figures.
     ///
     /// # Errors
     /// If its file can't be written.
-    pub fn write(&self, case: &Case) -> Result<(), EvaluateError> {
+    pub fn write(&self, case: &Case) -> Result<Case, EvaluateError> {
         let path = self.path(&case.condition, case.sequence);
         let folder = path.parent().unwrap_or(&self.folder);
         std::fs::create_dir_all(folder).map_err(|source| EvaluateError::Folder { folder: folder.into(), source })?;
-        Ok(write_bytes(&path, &pretty(case), Overwrite::Allow)?)
+        write_bytes(&path, &pretty(case), Overwrite::Allow)?;
+        json(&path)
     }
 
     fn path(&self, condition: &str, sequence: usize) -> PathBuf {
