@@ -48,7 +48,7 @@ def dis(first, second, _):
 
 def ecc(first, second, before):
     """Homography of the largest enhanced correlation coefficient near the motion before."""
-    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 100, 1e-5)
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
     try:
         start = np.ascontiguousarray(before, np.float32)
         return cv2.findTransformECC(first, second, start, cv2.MOTION_HOMOGRAPHY, criteria, None, 5)[1].astype(float)

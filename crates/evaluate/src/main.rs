@@ -103,7 +103,7 @@ struct Alignment {
     /// Remove cases of other settings.
     #[arg(long)]
     force: bool,
-    /// A setting for all conditions, e.g. `--set align.size=384`.
+    /// A setting for all conditions, e.g. `--set align.size=384`; `--set 'scans=[3, 10]'` measures single scans.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     settings: Vec<String>,
     /// Print the resolved settings and the conditions' changes, and stop.

@@ -45,7 +45,7 @@ pub fn frames(
 ) -> Result<(), EvaluateError> {
     for condition in conditions {
         let config = condition.settings(config)?;
-        for index in 0..config.sequences {
+        for index in config.numbers() {
             let folder = folder.join("frames").join(condition.name).join(format!("{index:04}"));
             if !folder.join(TRUTH).exists() {
                 std::fs::create_dir_all(&folder).map_err(|source| EvaluateError::Folder { folder: folder.clone(), source })?;

@@ -32,6 +32,8 @@ use store::Store;
 pub struct AlignmentConfig {
     /// Scans per condition: scan i shows held-out material i, and when there are no more, the first one again on another path.
     pub sequences: usize,
+    /// The numbers of the scans to measure, where it isn't the first `sequences`.
+    pub scans: Vec<usize>,
     /// Side of the frames in pixels.
     pub resolution: usize,
     /// The alignment.
@@ -46,6 +48,7 @@ impl Default for AlignmentConfig {
     fn default() -> Self {
         Self {
             sequences: 100,
+            scans: Vec::new(),
             resolution: 1024,
             align: AlignConfig::default(),
             videos: SequenceConfig { augment: AugmentConfig::none(), ..crate::synthetic::spirals() },
@@ -62,10 +65,15 @@ impl AlignmentConfig {
     pub fn validate(&self) -> Result<(), EvaluateError> {
         let error = |name, found: usize, expected| Err(EvaluateError::Config { name, found: found.to_string(), expected });
         match self {
-            Self { sequences: 0, .. } => error("sequences", 0, "at least one scan"),
+            Self { sequences: 0, scans, .. } if scans.is_empty() => error("sequences", 0, "at least one scan"),
             Self { resolution: r, .. } if !(64..=4096).contains(r) => error("resolution", *r, "64 to 4096 pixels"),
             _ => self.videos.validate().map_err(EvaluateError::Videos),
         }
+    }
+
+    /// The numbers of the scans.
+    pub fn numbers(&self) -> Vec<usize> {
+        if self.scans.is_empty() { (0..self.sequences).collect() } else { self.scans.clone() }
     }
 
     /// Scan `index`: the same for every condition but for what the condition changes.
@@ -101,7 +109,7 @@ pub fn run(
     }
     let mut cases = Vec::new();
     // Scan by scan, so that what there is after a while covers all conditions.
-    for index in 0..config.sequences {
+    for index in config.numbers() {
         for (condition, changed) in &settings {
             let case = match store.read(condition, index)? {
                 Some(case) => case,

@@ -11,7 +11,7 @@ use super::AlignmentConfig;
 use super::case::Case;
 use super::conditions::Condition;
 
-/// What all cases of a folder have in common. The number of scans isn't part of it: more can be added.
+/// What all cases of a folder have in common. Which scans are measured isn't part of it: more can be added.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Common {
     /// The protocol's settings, as TOML.
@@ -25,7 +25,7 @@ pub struct Common {
 impl Common {
     /// Of a protocol's settings.
     pub fn new(config: &AlignmentConfig, materials: &str, nets: Vec<String>) -> Self {
-        let config = AlignmentConfig { sequences: 0, ..config.clone() };
+        let config = AlignmentConfig { sequences: 0, scans: Vec::new(), ..config.clone() };
         let settings = toml::to_string(&config).expect("settings are plain values");
         Self { settings, materials: materials.into(), nets }
     }

@@ -93,6 +93,9 @@ fn a_folder_of_other_settings_is_refused_unless_forced() {
     store(folder.path(), &config, Overwrite::Refuse).unwrap();
     let more = AlignmentConfig { sequences: 9, ..config.clone() };
     store(folder.path(), &more, Overwrite::Refuse).expect("more scans may be added");
+    let single = AlignmentConfig { scans: vec![41, 3], ..config.clone() };
+    store(folder.path(), &single, Overwrite::Refuse).expect("and single ones");
+    assert_eq!((more.numbers().len(), single.numbers()), (9, vec![41, 3]));
     let case = folder.path().join("cases/base/0000.json");
     std::fs::create_dir_all(case.parent().unwrap()).unwrap();
     std::fs::write(&case, "").unwrap();
