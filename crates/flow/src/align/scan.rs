@@ -59,9 +59,9 @@ impl Scan {
         // Too few key frames to tell the light from the surface: other frames of the clip help.
         let filmed = keys.len() + usize::from(guidance.is_none());
         let spread = (filmed < steady::FEWEST_FRAMES).then_some((count / steady::FEWEST_FRAMES).max(1));
-        let is_node = |i: usize| i % step == 0;
+        let is_node = |i: usize| i.is_multiple_of(step);
         let digested = digest(footage, first, |i, frame| {
-            let wanted = is_node(i) || spread.is_some_and(|s| i % s == 0);
+            let wanted = is_node(i) || spread.is_some_and(|s| i.is_multiple_of(s));
             (limited(frame, config.size), wanted.then(|| limited(frame, config.refine_size)))
         })?;
         let (small, large): (Vec<Planes>, Vec<Option<Planes>>) = digested.into_iter().unzip();
