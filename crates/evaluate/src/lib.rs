@@ -1,9 +1,10 @@
 //! Floor 4: how good a method is, measured on materials it never saw (paper §8; spec 6).
 //!
 //! A *protocol* makes test scans, runs the method and its baselines on identical frames and fills a table. [`synthetic`] is the
-//! protocol that every training run ends with, [`compare`] measures one scan on disk; [`table`] writes tables as JSON, CSV and Markdown, [`sheet`] draws contact sheets.
+//! protocol that every training run ends with, [`alignment`] measures the alignment alone, under many conditions, [`compare`] measures one scan on disk; [`table`] writes tables as JSON, CSV and Markdown, [`sheet`] draws contact sheets.
 
 pub mod adjacent;
+pub mod alignment;
 pub mod baseline;
 pub mod compare;
 pub mod comparison;
@@ -14,6 +15,8 @@ pub mod sheet;
 pub mod statistics;
 pub mod synthetic;
 pub mod table;
+
+use std::path::PathBuf;
 
 /// Anything that stops an evaluation.
 #[derive(Debug, thiserror::Error)]
@@ -47,6 +50,43 @@ pub enum EvaluateError {
         /// Folder and size of the truth.
         truth: String,
     },
+    /// A setting of a condition.
+    #[error(transparent)]
+    Setting(#[from] scan::settings::SettingError),
+    /// A condition that doesn't exist.
+    #[error(
+        "--conditions: there is no `{found}`; expected names or groups, separated by commas: base, scans, ablation, all, {}",
+        alignment::conditions::CONDITIONS.map(|c| c.name).join(", ")
+    )]
+    Condition {
+        /// What was given.
+        found: String,
+    },
+    /// A folder whose cases were measured otherwise.
+    #[error(
+        "{} holds cases of other settings, materials or nets: give another --out, or --force to remove them",
+        folder.display()
+    )]
+    OtherSettings {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// A folder that can't be written to.
+    #[error("writing to {}: {source}", folder.display())]
+    Folder {
+        /// The folder.
+        folder: PathBuf,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// A file among the cases that isn't one.
+    #[error("{}: {message}; remove it to measure that scan again", path.display())]
+    Case {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
     /// A protocol's setting that can't work.
     #[error("evaluate: {name} = {found}: {expected}")]
     Config {
@@ -58,6 +98,6 @@ pub enum EvaluateError {
         expected: &'static str,
     },
     /// The person or the training run asked to stop.
-    #[error("the evaluation was stopped before it was finished; nothing was written")]
+    #[error("the evaluation was stopped before it was finished; no table was written")]
     Stopped,
 }

@@ -9,9 +9,16 @@ use dataset::image_io::Overwrite;
 use dataset::material::library::{MaterialLibrary, PbrConfig, ProceduralConfig, SourceConfig};
 use dataset::sequence::SequenceConfig;
 use dataset::stream::Stream;
+use evaluate::EvaluateError;
+use evaluate::alignment::conditions;
+use evaluate::alignment::store::{Common, Store};
+use evaluate::alignment::{self, AlignmentConfig};
 use evaluate::compare::ScannedMaps;
 use evaluate::synthetic::{self, SyntheticConfig};
+use flow::weights::FlowNets;
 use scan::nets::ScanNets;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 /// Bytes of decoded materials kept in memory.
 const CACHE_BYTES: usize = 1 << 30;
@@ -29,6 +36,9 @@ enum Protocol {
     /// Spiral scans of held-out materials: adjacent flow, automatic alignment and maps beside identity alignment, exact warps
     /// and constant maps. Writes summary.json, table.csv, table.md and a contact sheet per material.
     Synthetic(Synthetic),
+    /// Scans of held-out materials under many conditions (frame rate, path, light, roll, sensor) and with single parts of the
+    /// aligner off, against exact warps. Goes on where it was stopped. Writes summary.json, table.csv and table.md.
+    Alignment(Alignment),
     /// The maps of one scan against the truth, beside constant maps. Prints a table.
     Maps {
         /// Folder that `scan` wrote.
@@ -67,6 +77,40 @@ struct Synthetic {
     device: String,
 }
 
+#[derive(clap::Args)]
+struct Alignment {
+    /// Folder with adjacent and distant weights and their manifest.json.
+    #[arg(long, default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../../weights"))]
+    weights: PathBuf,
+    /// Folder of PBR material folders, or `procedural`.
+    #[arg(long, default_value = "procedural")]
+    materials: String,
+    /// Folder for cases and tables; what it holds of the same settings is not measured again.
+    #[arg(long)]
+    out: PathBuf,
+    /// Scans per condition.
+    #[arg(long, default_value_t = AlignmentConfig::default().sequences)]
+    sequences: usize,
+    /// Side of the frames in pixels.
+    #[arg(long, default_value_t = AlignmentConfig::default().resolution)]
+    resolution: usize,
+    /// Conditions or groups of them, separated by commas: base, scans, ablation, all, or names of rows, e.g. `base,roll`.
+    #[arg(long, default_value = "base")]
+    conditions: String,
+    /// Write frames and exact warps too, for other programs.
+    #[arg(long)]
+    keep_frames: bool,
+    /// Remove cases of other settings.
+    #[arg(long)]
+    force: bool,
+    /// A setting for all conditions, e.g. `--set align.size=384`; `--set 'scans=[3, 10]'` measures single scans.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    settings: Vec<String>,
+    /// Print the resolved settings and the conditions' changes, and stop.
+    #[arg(long)]
+    dry_run: bool,
+}
+
 fn main() -> ExitCode {
     ops::process::keep_memory();
     let arguments = Arguments::parse();
@@ -96,13 +140,15 @@ fn report(error: &anyhow::Error, code: u8) -> ExitCode {
 fn run(Arguments { protocol }: Arguments) -> Result<(), Failure> {
     match protocol {
         Protocol::Synthetic(arguments) => synthetic_protocol(arguments),
+        Protocol::Alignment(arguments) => alignment_protocol(arguments),
         Protocol::Maps { maps, truth, materials } => compare(&maps, &truth, &materials),
     }
 }
 
 fn synthetic_protocol(arguments: Synthetic) -> Result<(), Failure> {
     let Synthetic { weights, materials, out, force, settings, dry_run, device } = arguments;
-    let config = settings_of(&settings).map_err(Failure::Usage)?;
+    let config: SyntheticConfig = overlay(&SyntheticConfig::default(), &settings)?;
+    config.validate().map_err(|e| Failure::Usage(e.into()))?;
     if device != "cpu" {
         let error = anyhow::anyhow!("--device {device}: this build has cpu only; train and evaluate run there");
         return Err(Failure::Usage(error));
@@ -138,6 +184,56 @@ fn synthetic_protocol(arguments: Synthetic) -> Result<(), Failure> {
     Ok(())
 }
 
+fn alignment_protocol(arguments: Alignment) -> Result<(), Failure> {
+    let usage = |error: EvaluateError| Failure::Usage(error.into());
+    let base =
+        AlignmentConfig { sequences: arguments.sequences, resolution: arguments.resolution, ..AlignmentConfig::default() };
+    let config: AlignmentConfig = overlay(&base, &arguments.settings)?;
+    config.validate().map_err(usage)?;
+    let conditions = conditions::chosen(&arguments.conditions).map_err(usage)?;
+    if arguments.dry_run {
+        print!("{}", toml::to_string(&config).context("printing the settings")?);
+        conditions.iter().for_each(|c| println!("# {}: {}", c.name, c.settings.join(", ")));
+        return Ok(());
+    }
+    let (weights, out) = (&arguments.weights, &arguments.out);
+    let device = burn::tensor::Device::flex();
+    let net = |name| flow::weights::load(weights, name, &device).context("loading the weights");
+    let ((adjacent, first), (distant, second)) = (net(flow::weights::ADJACENT)?, net(flow::weights::DISTANT)?);
+    let checksums =
+        [first, second].into_iter().flat_map(|r| r.sha256.into_iter().chain(r.shards.into_iter().map(|s| s.sha256)));
+    let library =
+        MaterialLibrary::open(&[source(&arguments.materials)?], config.seed, CACHE_BYTES).context("opening the materials")?;
+    let overwrite = if arguments.force { Overwrite::Allow } else { Overwrite::Refuse };
+    let common = Common::new(&config, &arguments.materials, checksums.collect());
+    let store = Store::open(out, &common, overwrite).map_err(|error| match error {
+        EvaluateError::OtherSettings { .. } => usage(error),
+        error => Failure::Run(error.into()),
+    })?;
+    let nets = FlowNets { adjacent, distant };
+    let cases = alignment::run(&library, &nets, (&config, &conditions), &store, |case| {
+        let figure = |name: &str| case.figures.get(name).map_or_else(|| "–".into(), |v| format!("{v:.3}"));
+        println!(
+            "{} {:04} {}: valid {}, pixel error {}, within 20 px {}, {:.1} s",
+            case.condition,
+            case.sequence,
+            case.material,
+            figure("valid_rate"),
+            figure("pixel_error"),
+            figure("within_20px"),
+            case.seconds.aligning()
+        );
+        true
+    })
+    .context("running the protocol")?;
+    alignment::table::write(&alignment::summary::rows(&cases), out).context("writing the results")?;
+    if arguments.keep_frames {
+        alignment::export::frames(&library, &config, &conditions, out).context("writing the frames")?;
+    }
+    println!("{}", std::fs::read_to_string(out.join("table.md")).context("reading the table back")?);
+    Ok(())
+}
+
 fn compare(maps: &Path, truth: &Path, materials: &str) -> Result<(), Failure> {
     // Before the constant maps, which take seconds.
     let scanned = ScannedMaps::read(maps, truth).context("comparing the maps")?;
@@ -150,10 +246,8 @@ fn compare(maps: &Path, truth: &Path, materials: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-fn settings_of(settings: &[String]) -> anyhow::Result<SyntheticConfig> {
-    let config: SyntheticConfig = scan::settings::overlay(&SyntheticConfig::default(), settings)?;
-    config.validate()?;
-    Ok(config)
+fn overlay<T: Serialize + DeserializeOwned>(base: &T, settings: &[String]) -> Result<T, Failure> {
+    scan::settings::overlay(base, settings).map_err(|e| Failure::Usage(e.into()))
 }
 
 fn source(materials: &str) -> Result<SourceConfig, Failure> {

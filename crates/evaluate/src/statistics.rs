@@ -72,6 +72,32 @@ pub fn signed_rank(differences: &[f64]) -> Option<f64> {
     Some(erfc(distance / std::f64::consts::SQRT_2))
 }
 
+/// Spearman's rank correlation of pairs, −1 to 1; `None` for fewer than three pairs or when all values of one side are equal.
+///
+/// Equal values share the mean of their ranks.
+pub fn spearman(pairs: &[(f64, f64)]) -> Option<f64> {
+    if pairs.len() < 3 {
+        return None;
+    }
+    let ranks = |side: fn(&(f64, f64)) -> f64| {
+        let mut order: Vec<(f64, usize)> = pairs.iter().map(side).zip(0..).collect();
+        order.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut ranks = vec![0.0; pairs.len()];
+        let mut before = 0;
+        for group in order.chunk_by(|a, b| a.0 == b.0) {
+            let shared = before as f64 + 0.5 * (group.len() as f64 + 1.0);
+            group.iter().for_each(|(_, i)| ranks[*i] = shared);
+            before += group.len();
+        }
+        ranks
+    };
+    let (a, b) = (ranks(|p| p.0), ranks(|p| p.1));
+    let middle = 0.5 * (pairs.len() as f64 + 1.0);
+    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - middle) * (b - middle)).sum::<f64>();
+    let spread = (product(&a, &a) * product(&b, &b)).sqrt();
+    (spread > 0.0).then(|| product(&a, &b) / spread)
+}
+
 /// Share of all subsets of the ranks whose sum is at most `limit`.
 fn share_at_most(ranks: &[usize], limit: usize) -> f64 {
     let mut shares = vec![0.0; limit + 1];
@@ -130,6 +156,19 @@ mod tests {
             let found = signed_rank(&differences).unwrap();
             assert!((found / p - 1.0).abs() < 1e-9, "{name}: {found}, SciPy says {p}");
         }
+    }
+
+    #[test]
+    fn rank_correlation_follows_order_alone() {
+        let of = |b: &[f64]| spearman(&(0..b.len()).map(|i| i as f64).zip(b.iter().copied()).collect::<Vec<_>>());
+        assert_eq!(of(&[1.0, 10.0, 1e6, 1e7]), Some(1.0));
+        assert_eq!(of(&[5.0, 2.0, -1.0]), Some(-1.0));
+        // 1 − 6·Σd²/(n(n² − 1)) with d = (−1, 1, −1, 1, 0).
+        assert!((of(&[2.0, 1.0, 4.0, 3.0, 5.0]).unwrap() - (1.0 - 6.0 * 4.0 / 120.0)).abs() < 1e-12);
+        // Ranks 1.5, 1.5, 3 against 1, 2, 3.
+        assert!((of(&[7.0, 7.0, 9.0]).unwrap() - 3.0f64.sqrt() / 2.0).abs() < 1e-12);
+        assert_eq!(of(&[1.0, 2.0]), None);
+        assert_eq!(of(&[1.0, 1.0, 1.0]), None);
     }
 
     #[test]

@@ -97,7 +97,7 @@ impl SyntheticConfig {
 }
 
 /// The SVBRDF net's training videos without the lines among them.
-fn spirals() -> SequenceConfig {
+pub(crate) fn spirals() -> SequenceConfig {
     let mut videos = SequenceConfig::svbrdf();
     videos.path.line_share = 0.0;
     videos

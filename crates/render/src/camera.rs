@@ -81,6 +81,13 @@ impl Camera {
         Self::look_at(position, target, down.map(|v| -v), fov_rad)
     }
 
+    /// The camera turned about its optical axis; for a positive angle the picture turns to the left. Angle 0 is exactly `self`.
+    pub fn rolled(&self, angle_rad: f64) -> Self {
+        let (sin, cos) = angle_rad.sin_cos();
+        let mix = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|k| cos * a[k] + sin * b[k]);
+        Self { right: mix(self.right, self.down), down: mix(self.down, self.right.map(|v| -v)), ..*self }
+    }
+
     /// Unit direction from the camera through a pixel, in world coordinates.
     pub fn ray(&self, x: f64, y: f64, res: usize) -> [f64; 3] {
         let (focal, centre) = (self.focal_px(res), (res as f64 - 1.0) / 2.0);
@@ -144,6 +151,16 @@ mod tests {
         let (x, y) = camera.world_to_pixel(64).apply(0.0, 0.0).unwrap();
         assert!((x - 31.5).abs() < 1e-9 && (y - 31.5).abs() < 1e-9);
         assert_eq!(camera.normal_to_camera(), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+    }
+
+    #[test]
+    fn a_roll_turns_the_picture_about_its_centre() {
+        let camera = tilted();
+        assert_eq!(camera.rolled(0.0), camera);
+        // A quarter turn to the left: what was at the right edge is now at the top.
+        let turn = Camera::between(&camera, &camera.rolled(std::f64::consts::FRAC_PI_2), 65);
+        let (x, y) = turn.apply(64.0, 32.0).unwrap();
+        assert!((x - 32.0).abs() < 1e-9 && y.abs() < 1e-9, "{x} {y}");
     }
 
     #[test]

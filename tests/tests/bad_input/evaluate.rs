@@ -22,6 +22,16 @@ fn command_lines_that_make_no_sense() {
         case("a value of another type", nothing, "synthetic … --set textured=some", 2, &["textured=some"]),
         case("too small frames", nothing, "synthetic … --set resolution=8", 2, &["resolution = 8", "64 to 4096"]),
         case("nothing to measure", nothing, "synthetic … --set textured=0 --set low_texture=0", 2, &["at least one material"]),
+        case("an unknown condition", nothing, "alignment … --conditions base,rol", 2, &["no `rol`", "roll", "scans, ablation"]),
+        case("no scan", nothing, "alignment … --sequences 0", 2, &["sequences = 0", "at least one scan"]),
+        case("frames of no size", nothing, "alignment … --resolution 5", 2, &["resolution = 5", "64 to 4096"]),
+        case(
+            "a folder of other settings",
+            |p| p.file("out/settings.json", r#"{ "settings": "seed = 1", "materials": "procedural", "nets": [] }"#),
+            "alignment … --sequences 1 --resolution 64",
+            2,
+            &["out holds cases of other settings", "--force"],
+        ),
         case("an unknown device", nothing, "synthetic … --device tpu", 2, &["--device tpu", "cpu"]),
     ];
     check("evaluate", &cases);

@@ -65,6 +65,9 @@ pub struct PathConfig {
     pub unit_length: UnitLength,
     /// Multiplies λ of Table 1 (Table 5, "deviations": 0, 0.25, 0.5, 1, 2).
     pub deviation_scale: f64,
+    /// By how many degrees the phone turns about its view axis from the first frame to the last, evenly; to the left or to the
+    /// right by a draw.
+    pub roll_deg: f64,
     /// Frames per frame of the original path (Table 5: 4, 2, 0.5); the path itself stays the same.
     pub frame_rate: f64,
     /// Frames of the path at frame rate 1; the spiral has 141 points.
@@ -79,6 +82,7 @@ impl Default for PathConfig {
             line_order: LineOrder::Scan,
             unit_length: UnitLength::View,
             deviation_scale: 1.0,
+            roll_deg: 0.0,
             frame_rate: 1.0,
             frames: spiral::POINTS,
         }
@@ -117,6 +121,7 @@ impl PathConfig {
         };
         in_range("line_share", self.line_share, 0.0, 1.0, "a probability, 0 to 1")?;
         in_range("deviation_scale", self.deviation_scale, 0.0, 10.0, "a factor, 0 to 10")?;
+        in_range("roll_deg", self.roll_deg, 0.0, 3600.0, "an angle in degrees, 0 to 3600")?;
         in_range("frame_rate", self.frame_rate, 0.05, 20.0, "a factor, 0.05 to 20")?;
         in_range("frames", self.frames as f64, 0.0, MOST_FRAMES, "2 to 100000, an hour of video")?;
         if self.frames < 2 || self.frame_count() < 2 {
@@ -163,7 +168,13 @@ impl PathConfig {
                 Pose::on_path([start[0] + sign(negate_x) * x, start[1] + sign(negate_y) * y, height], &deviation)
             })
             .collect();
-        let cameras = resampled(&poses, self.frame_count()).iter().map(|p| p.camera(fov_rad)).collect();
+        let roll = if rng.random_bool(0.5) { self.roll_deg } else { -self.roll_deg }.to_radians();
+        let last = self.frame_count().max(2) - 1;
+        let cameras = resampled(&poses, self.frame_count())
+            .iter()
+            .enumerate()
+            .map(|(i, pose)| pose.camera(fov_rad).rolled(roll * i as f64 / last as f64))
+            .collect();
         CameraPath { cameras, template, fov_rad, half_view, height, unit }
     }
 }
@@ -324,6 +335,24 @@ mod tests {
     }
 
     #[test]
+    fn a_roll_turns_the_camera_about_its_view_axis_and_changes_nothing_else() {
+        let rolled = paths(&PathConfig { roll_deg: 180.0, ..Default::default() }, 12);
+        let upright = paths(&PathConfig::default(), 12);
+        let mut directions = std::collections::BTreeSet::new();
+        for (rolled, upright) in rolled.iter().zip(&upright) {
+            for (a, b) in rolled.cameras.iter().zip(&upright.cameras) {
+                assert_eq!((a.position, a.forward), (b.position, b.forward));
+            }
+            let across = |i: usize, axis: [f64; 3]| (0..3).map(|k| rolled.cameras[i].right[k] * axis[k]).sum::<f64>();
+            assert!((across(70, upright.cameras[70].right)).abs() < 1e-9, "a quarter turn half way");
+            assert!((across(140, upright.cameras[140].right) + 1.0).abs() < 1e-9, "half a turn at the end");
+            assert_eq!(rolled.cameras[0], upright.cameras[0]);
+            directions.insert(across(70, upright.cameras[70].down) > 0.0);
+        }
+        assert_eq!(directions.len(), 2);
+    }
+
+    #[test]
     fn the_frame_rate_resamples_the_same_way() {
         let base = &paths(&PathConfig::default(), 1)[0];
         let fast = &paths(&PathConfig { frame_rate: 4.0, ..Default::default() }, 1)[0];
@@ -360,6 +389,7 @@ mod tests {
         let endless = PathConfig { template: Template::Zigzag, frames: usize::MAX, ..Default::default() };
         assert!(refused(endless).contains("frames is 18446744073709552000; expected 2 to 100000"));
         assert!(refused(PathConfig { line_share: 1.5, ..Default::default() }).contains("line_share is 1.5"));
+        assert!(refused(PathConfig { roll_deg: -5.0, ..Default::default() }).contains("roll_deg is -5"));
         assert!(refused(PathConfig { frame_rate: f64::NAN, ..Default::default() }).contains("frame_rate"));
         assert!(PathConfig { template: Template::Zigzag, frames: 500, ..Default::default() }.validate().is_ok());
     }

@@ -55,7 +55,10 @@ impl Default for AlignConfig {
 pub enum Regularise {
     /// A robust homography: exact for a planar sample, needs no field of view.
     Homography,
-    /// Nothing: flows are composed as they are (the paper's ablation). Needs an `adjacent` net.
+    /// The paper's own chain: the pose of a camera with a field of view of 30°, key frame by key frame, without any of the
+    /// other switches. Needs an `adjacent` net.
+    Pnp,
+    /// The same without any regularisation (the paper's ablation). Needs an `adjacent` net.
     None,
 }
 

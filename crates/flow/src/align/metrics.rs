@@ -40,9 +40,14 @@ pub struct AlignmentMetrics {
     pub key_frames: usize,
 }
 
+/// The exact position of a guidance pixel in a key frame.
+type Exact<'a> = &'a dyn Fn(f64, f64) -> Option<(f64, f64)>;
+
 /// The distances of one key frame.
 #[derive(Clone, Debug, Default)]
 struct FrameErrors {
+    /// Which of the key frames.
+    key_frame: usize,
     /// Over pixels valid in both.
     distances: Vec<f64>,
     /// Reference pixels.
@@ -66,15 +71,35 @@ impl ScanErrors {
     pub fn new(alignment: &Alignment, exact: &[Homography], guidance: Size) -> Self {
         assert_eq!(alignment.key_frames.len(), exact.len(), "one exact homography per key frame");
         let frames = alignment.key_frames.iter().zip(exact);
-        Self { frames: frames.map(|(k, e)| k.errors(e, guidance)).filter(|f| f.reference > 0).collect() }
+        Self::of_frames(frames.map(|(k, e)| k.errors(&|x, y| e.apply(x, y), guidance)))
+    }
+
+    /// As [`ScanErrors::new`] against exact warps that needn't be homographies (a lens that bends lines, a rolling shutter):
+    /// `exact(frame, x, y)` is the position in frame `frame` of guidance pixel (x, y).
+    pub fn of_warps(alignment: &Alignment, exact: impl Fn(usize, f64, f64) -> Option<(f64, f64)>, guidance: Size) -> Self {
+        Self::of_frames(alignment.key_frames.iter().map(|k| k.errors(&|x, y| exact(k.index, x, y), guidance)))
+    }
+
+    fn of_frames(frames: impl Iterator<Item = FrameErrors>) -> Self {
+        let numbered = frames.enumerate().map(|(key_frame, errors)| FrameErrors { key_frame, ..errors });
+        Self { frames: numbered.filter(|f| f.reference > 0).collect() }
+    }
+
+    /// Number (in the alignment's order) and mean distance of every key frame that shares reference pixels with its
+    /// prediction: dropped ones don't.
+    pub fn means(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let shared = self.frames.iter().filter(|f| !f.distances.is_empty());
+        shared.map(|f| (f.key_frame, f.distances.iter().sum::<f64>() / f.distances.len() as f64))
     }
 
     /// Compares homographies (`None` for a dropped frame) with exact ones, for baselines such as identity.
     pub fn of_homographies(predicted: &[Option<Homography>], exact: &[Homography], guidance: Size, frame: Size) -> Self {
         let compare = |(p, e): (&Option<Homography>, &Homography)| {
-            compare(e, guidance, frame, |x, y| p.and_then(|h| h.apply(x, y)).map(|q| (q, frame.contains(q))))
+            compare(&|x, y| e.apply(x, y), guidance, frame, |x, y| {
+                p.and_then(|h| h.apply(x, y)).map(|q| (q, frame.contains(q)))
+            })
         };
-        Self { frames: predicted.iter().zip(exact).map(compare).filter(|f| f.reference > 0).collect() }
+        Self::of_frames(predicted.iter().zip(exact).map(compare))
     }
 
     fn mean(&self) -> f64 {
@@ -93,7 +118,7 @@ impl ScanErrors {
 }
 
 impl KeyFrame {
-    fn errors(&self, exact: &Homography, guidance: Size) -> FrameErrors {
+    fn errors(&self, exact: Exact, guidance: Size) -> FrameErrors {
         let warp = self.dense.as_ref().filter(|_| self.aligned()).map(|_| self.warp(guidance.height, guidance.width));
         compare(exact, guidance, self.frame_size, |x, y| {
             if !self.aligned() {
@@ -112,17 +137,12 @@ impl KeyFrame {
 }
 
 /// `predict` gives the predicted source position and whether the warp calls it valid.
-fn compare(
-    exact: &Homography,
-    guidance: Size,
-    frame: Size,
-    predict: impl Fn(f64, f64) -> Option<((f64, f64), bool)>,
-) -> FrameErrors {
+fn compare(exact: Exact, guidance: Size, frame: Size, predict: impl Fn(f64, f64) -> Option<((f64, f64), bool)>) -> FrameErrors {
     let scale = REFERENCE_WIDTH / frame.width as f64;
     let mut errors = FrameErrors { median: f64::INFINITY, ..FrameErrors::default() };
     let mut all = Vec::new();
     for (x, y) in guidance.grid(SIDE.min(guidance.width).min(guidance.height)) {
-        let Some(truth) = exact.apply(x, y).filter(|&p| frame.contains(p)) else { continue };
+        let Some(truth) = exact(x, y).filter(|&p| frame.contains(p)) else { continue };
         errors.reference += 1;
         let Some((q, valid)) = predict(x, y) else {
             all.push(f64::INFINITY);

@@ -12,11 +12,13 @@ pub mod compose;
 pub mod config;
 pub mod contrast;
 mod dense;
+mod footage;
 pub mod graph;
 pub mod metrics;
 pub mod phase;
 pub mod photometric;
 pub mod planar;
+pub mod pose;
 mod result;
 mod scan;
 #[cfg(test)]
@@ -29,7 +31,8 @@ pub mod steps;
 mod track;
 
 pub use config::{AlignConfig, CandidateSwitches, PhotometricConfig, Regularise};
-pub use result::{AlignError, Alignment, DropReason, KeyFrame, KeyFrameStatus, Warning};
+pub use footage::Footage;
+pub use result::{AlignError, Alignment, DropReason, KeyFrame, KeyFrameStatus, Seconds, Warning};
 pub use sequence::Aligner;
 
 use ops::planes::Planes;

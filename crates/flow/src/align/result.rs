@@ -5,7 +5,7 @@ use std::fmt;
 use ops::flow_field::warp_planes;
 use ops::homography::Homography;
 use ops::planes::{Mask, Planes};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::compose::FlowField;
 use super::size::Size;
@@ -49,7 +49,7 @@ pub enum AlignError {
 }
 
 /// Why a key frame doesn't take part.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DropReason {
     /// The frame is black, even or saturated.
@@ -157,6 +157,11 @@ pub enum Warning {
         /// Why.
         reason: DropReason,
     },
+    /// Too little of a key frame's warp was known to make it regular: it was used as it was.
+    NotRegularised {
+        /// Its index among the frames.
+        frame: usize,
+    },
     /// There is no key frame beside the guidance image.
     NoKeyFrames,
 }
@@ -168,6 +173,7 @@ impl fmt::Display for Warning {
                 write!(f, "the motion from frame {frame} to {} was not found and is guessed from its neighbours", frame + 1)
             }
             Self::Dropped { frame, reason } => write!(f, "key frame {frame} is left out: {reason}"),
+            Self::NotRegularised { frame } => write!(f, "too little of key frame {frame}'s warp is known to make it regular"),
             Self::NoKeyFrames => write!(f, "the scan is too short for a key frame beside the guidance image"),
         }
     }
@@ -180,4 +186,26 @@ pub struct Alignment {
     pub key_frames: Vec<KeyFrame>,
     /// What the report must tell.
     pub warnings: Vec<Warning>,
+    /// Where the time went.
+    pub seconds: Seconds,
+}
+
+/// Wall time of the parts of an alignment, in seconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Seconds {
+    /// Frames read (or rendered), shrunk and contrast-normalised.
+    pub reading: f64,
+    /// The `adjacent` net's flows.
+    pub flows: f64,
+    /// Steps between neighbouring frames.
+    pub steps: f64,
+    /// Key frames linked and placed.
+    pub placing: f64,
+}
+
+impl Seconds {
+    /// All but reading.
+    pub fn aligning(&self) -> f64 {
+        self.flows + self.steps + self.placing
+    }
 }

@@ -7,9 +7,10 @@ use rayon::prelude::*;
 use super::compose::FlowField;
 use super::config::AlignConfig;
 use super::contrast::ContrastPyramid;
+use super::footage::{Footage, digest};
 use super::graph::Place;
 use super::photometric::{Consistency, consistency};
-use super::result::{Alignment, DropReason, KeyFrame, KeyFrameStatus, Warning};
+use super::result::{AlignError, Alignment, DropReason, KeyFrame, KeyFrameStatus, Seconds, Warning};
 use super::size::{Size, overlap, resized};
 use super::steady::{self, SteadyPattern};
 use super::steps::{NeighbourStep, neighbour_steps};
@@ -22,8 +23,9 @@ const LARGEST_ERROR_SHARE: f64 = 0.05;
 const HALF_CONFIDENCE_SHARE: f64 = 0.005;
 
 /// The frames and the nodes to be placed: node 0 is the guidance image, node i + 1 is key frame i.
-pub(super) struct Scan<'a> {
-    frames: &'a [Planes],
+pub(super) struct Scan {
+    /// All frames, at the size of the steps between neighbours.
+    pub small: Vec<Planes>,
     /// Frame indices of the key frames.
     pub keys: Vec<usize>,
     /// Size of the frames for the steps between neighbours.
@@ -40,39 +42,48 @@ pub(super) struct Scan<'a> {
     textured: Vec<bool>,
 }
 
-impl<'a> Scan<'a> {
-    pub fn new(frames: &'a [Planes], guidance: Option<&'a Planes>, config: &AlignConfig) -> Self {
-        let first = if guidance.is_some() { 0 } else { config.key_frame_step };
-        let keys: Vec<usize> = (first..frames.len()).step_by(config.key_frame_step).collect();
-        let key_images = keys.iter().map(|&k| &frames[k]);
-        let nodes: Vec<&Planes> = std::iter::once(guidance.unwrap_or(&frames[0])).chain(key_images).collect();
-        let full: Vec<Size> = nodes.iter().map(|n| Size::of(n)).collect();
-        let sizes: Vec<Size> = full.iter().map(|s| s.limited(config.refine_size)).collect();
-        let images: Vec<Planes> = nodes.par_iter().zip(&sizes).map(|(n, s)| n.resize_area(s.height, s.width)).collect();
-        let mut pyramids: Vec<ContrastPyramid> =
-            images.par_iter().map(|i| ContrastPyramid::new(i, &config.photometric)).collect();
+impl Scan {
+    /// Reads every frame once; `first` is frame 0.
+    pub fn new(
+        footage: &dyn Footage,
+        first: &Planes,
+        guidance: Option<&Planes>,
+        config: &AlignConfig,
+    ) -> Result<Self, AlignError> {
+        let (count, step) = (footage.count(), config.key_frame_step);
+        let keys: Vec<usize> = (if guidance.is_some() { 0 } else { step }..count).step_by(step).collect();
+        let (frame_size, limited) = (Size::of(first), |image: &Planes, side| {
+            let Size { height, width } = Size::of(image).limited(side);
+            image.resize_area(height, width)
+        });
+        // Too few key frames to tell the light from the surface: other frames of the clip help.
+        let filmed = keys.len() + usize::from(guidance.is_none());
+        let spread = (filmed < steady::FEWEST_FRAMES).then_some((count / steady::FEWEST_FRAMES).max(1));
+        let is_node = |i: usize| i.is_multiple_of(step);
+        let digested = digest(footage, first, |i, frame| {
+            let wanted = is_node(i) || spread.is_some_and(|s| i.is_multiple_of(s));
+            (limited(frame, config.size), wanted.then(|| limited(frame, config.refine_size)))
+        })?;
+        let (small, large): (Vec<Planes>, Vec<Option<Planes>>) = digested.into_iter().unzip();
+        let pyramid = |image: &Planes| ContrastPyramid::new(image, &config.photometric);
+        let examples: Option<Vec<ContrastPyramid>> =
+            spread.map(|s| large.par_iter().step_by(s).flatten().map(pyramid).collect());
+        let filmed_nodes = large.into_iter().enumerate().filter(|(i, _)| is_node(*i)).filter_map(|(_, image)| image);
+        let images: Vec<Planes> = guidance.map(|g| limited(g, config.refine_size)).into_iter().chain(filmed_nodes).collect();
+        let mut pyramids: Vec<ContrastPyramid> = images.par_iter().map(pyramid).collect();
         // Before the steady pattern goes: an empty frame minus a pattern isn't empty.
         let textured = pyramids.iter().map(|p| p.texture() >= LEAST_TEXTURE).collect();
         // A guidance image of its own was lit in its own way.
-        let filmed = &mut pyramids[usize::from(guidance.is_some())..];
-        if filmed.len() >= steady::FEWEST_FRAMES {
-            take_out_steady(filmed, None, config);
-        } else {
-            // Too few key frames to tell the light from the surface: other frames of the clip help.
-            let size = Size::of(&frames[0]).limited(config.refine_size);
-            let spread: Vec<&Planes> = frames.iter().step_by((frames.len() / steady::FEWEST_FRAMES).max(1)).collect();
-            let more = |f: &&Planes| ContrastPyramid::new(&f.resize_area(size.height, size.width), &config.photometric);
-            take_out_steady(filmed, Some(spread.par_iter().map(more).collect()), config);
-        }
-        let step_size = Size::of(&frames[0]).limited(config.size);
-        Self { frames, keys, step_size, full, sizes, images, pyramids, textured }
+        take_out_steady(&mut pyramids[usize::from(guidance.is_some())..], examples, config);
+        let full = std::iter::once(guidance.map_or(frame_size, Size::of)).chain(keys.iter().map(|_| frame_size)).collect();
+        let sizes = images.iter().map(Size::of).collect();
+        Ok(Self { small, keys, step_size: frame_size.limited(config.size), full, sizes, images, pyramids, textured })
     }
 
     /// The steps between neighbouring frames, at the size on which key frames are linked.
     pub fn neighbour_steps(&self, flows: Option<&[FlowField]>, config: &AlignConfig) -> Vec<NeighbourStep> {
-        let Size { height, width } = self.step_size;
-        let small = |f: &Planes| ContrastPyramid::new(&f.resize_area(height, width), &config.photometric);
-        let mut pyramids: Vec<ContrastPyramid> = self.frames.par_iter().map(small).collect();
+        let mut pyramids: Vec<ContrastPyramid> =
+            self.small.par_iter().map(|f| ContrastPyramid::new(f, &config.photometric)).collect();
         take_out_steady(&mut pyramids, None, config);
         let mut steps = neighbour_steps(&pyramids, flows, config);
         let (from, to) = (self.step_size, Size::of(&self.images[self.images.len() - 1]));
@@ -100,7 +111,7 @@ impl<'a> Scan<'a> {
         let replaced = steps.iter().enumerate().filter(|(_, s)| s.replaced);
         let mut warnings: Vec<Warning> = replaced.map(|(frame, _)| Warning::StepReplaced { frame }).collect();
         warnings.extend(dropped(&key_frames));
-        Alignment { key_frames, warnings }
+        Alignment { key_frames, warnings, seconds: Seconds::default() }
     }
 
     fn key_frame(&self, node: usize, place: &Option<Place>) -> KeyFrame {

@@ -1,15 +1,16 @@
 //! The alignment of a whole scan: the door of this module.
 
+use std::time::Instant;
+
 use ops::planes::Planes;
-use rayon::prelude::*;
 
 use super::FlowEstimator;
 use super::compose::FlowField;
 use super::config::{AlignConfig, Regularise};
 use super::dense;
-use super::result::{AlignError, Alignment, Warning};
+use super::footage::{Footage, described};
+use super::result::{AlignError, Alignment, Seconds, Warning};
 use super::scan::Scan;
-use super::size::Size;
 use super::track::Tracker;
 
 /// Frames below this side can't be aligned.
@@ -32,23 +33,46 @@ impl Aligner<'_> {
     /// For images of no use (no frame, different shapes, not RGB, tiny) and settings that can't work. A frame that can't be
     /// aligned isn't an error: it is dropped with a reason.
     pub fn align(&self, frames: &[Planes], guidance: Option<&Planes>) -> Result<Alignment, AlignError> {
-        self.check(frames, guidance)?;
-        let scan = Scan::new(frames, guidance, &self.config);
-        if scan.keys.is_empty() {
-            return Ok(Alignment { key_frames: Vec::new(), warnings: vec![Warning::NoKeyFrames] });
-        }
-        let flows = self.adjacent.map(|net| neighbour_flows(net, frames, scan.step_size));
-        match (self.config.regularise, flows) {
-            (Regularise::None, Some(flows)) => Ok(dense::align(&scan, &flows, self.distant, &self.config)),
-            (_, flows) => {
-                let steps = scan.neighbour_steps(flows.as_deref(), &self.config);
-                let places = Tracker { scan: &scan, aligner: self, steps: &steps, flows: flows.as_deref() }.place();
-                Ok(scan.conclude(&places, &steps))
-            }
-        }
+        self.align_footage(&frames, guidance)
     }
 
-    fn check(&self, frames: &[Planes], guidance: Option<&Planes>) -> Result<(), AlignError> {
+    /// As [`Aligner::align`], of frames that needn't be in memory: each is asked for once and shrunk at once.
+    ///
+    /// # Errors
+    /// As [`Aligner::align`].
+    pub fn align_footage(&self, footage: &dyn Footage, guidance: Option<&Planes>) -> Result<Alignment, AlignError> {
+        self.check_config()?;
+        if footage.count() == 0 {
+            return Err(AlignError::NoFrames);
+        }
+        let first = footage.frame(0);
+        for (name, image) in [("frame 0", Some(&*first)), ("the guidance image", guidance)] {
+            if let Some(image) = image.filter(|i| i.channels != 3 || i.height.min(i.width) < SMALLEST_SIDE) {
+                return Err(AlignError::Unusable { image: name.into(), found: described(image), smallest: SMALLEST_SIDE });
+            }
+        }
+        let mut clock = Clock::start();
+        let scan = Scan::new(footage, &first, guidance, &self.config)?;
+        let mut seconds = Seconds { reading: clock.lap(), ..Seconds::default() };
+        if scan.keys.is_empty() {
+            return Ok(Alignment { key_frames: Vec::new(), warnings: vec![Warning::NoKeyFrames], seconds });
+        }
+        let flows = self.adjacent.map(|net| neighbour_flows(net, &scan.small));
+        seconds.flows = clock.lap();
+        let alignment = match (self.config.regularise, flows) {
+            (Regularise::Pnp | Regularise::None, Some(flows)) => dense::align(&scan, &flows, self.distant, &self.config),
+            (_, flows) => {
+                let steps = scan.neighbour_steps(flows.as_deref(), &self.config);
+                seconds.steps = clock.lap();
+                let places = Tracker { scan: &scan, aligner: self, steps: &steps, flows: flows.as_deref() }.place();
+                scan.conclude(&places, &steps)
+            }
+        };
+        seconds.placing = clock.lap();
+        Ok(Alignment { seconds, ..alignment })
+    }
+
+    fn check_config(&self) -> Result<(), AlignError> {
         let config = |name, found: String, expected| Err(AlignError::Config { name, found, expected });
         if self.config.key_frame_step == 0 {
             return config("key_frame_step", "0".into(), "take every 1st, 2nd, … frame as a key frame (paper: 5)");
@@ -57,31 +81,36 @@ impl Aligner<'_> {
             let found = format!("{}, refine_size = {}", self.config.size, self.config.refine_size);
             return config("size", found, "need 32 ≤ size ≤ refine_size (paper: 256)");
         }
-        if self.config.regularise == Regularise::None && self.adjacent.is_none() {
-            let expected = "composing flows as they are needs the adjacent net; use \"homography\"";
-            return config("regularise", "none".into(), expected);
-        }
-        let first = frames.first().ok_or(AlignError::NoFrames)?;
-        let shape = |p: &Planes| format!("{} channels of {}×{}", p.channels, p.height, p.width);
-        for (index, frame) in frames.iter().enumerate() {
-            if (frame.channels, frame.height, frame.width) != (first.channels, first.height, first.width) {
-                return Err(AlignError::FrameShape { index, found: shape(frame), expected: shape(first) });
-            }
-        }
-        for (name, image) in [("frame 0", Some(first)), ("the guidance image", guidance)] {
-            if let Some(image) = image.filter(|i| i.channels != 3 || i.height.min(i.width) < SMALLEST_SIDE) {
-                return Err(AlignError::Unusable { image: name.into(), found: shape(image), smallest: SMALLEST_SIDE });
-            }
+        let chained = match self.config.regularise {
+            Regularise::Homography => None,
+            Regularise::Pnp => Some("pnp"),
+            Regularise::None => Some("none"),
+        };
+        if let Some(name) = chained.filter(|_| self.adjacent.is_none()) {
+            return config("regularise", name.into(), "the paper's chain needs the adjacent net; use \"homography\"");
         }
         Ok(())
     }
 }
 
+/// Wall time since the last look.
+struct Clock(Instant);
+
+impl Clock {
+    fn start() -> Self {
+        Self(Instant::now())
+    }
+
+    fn lap(&mut self) -> f64 {
+        let now = Instant::now();
+        (now - std::mem::replace(&mut self.0, now)).as_secs_f64()
+    }
+}
+
 /// The `adjacent` net's flows between all neighbours at the steps' size, with their validity.
-fn neighbour_flows(net: &dyn FlowEstimator, frames: &[Planes], size: Size) -> Vec<FlowField> {
-    let small: Vec<Planes> = frames.par_iter().map(|f| f.resize_area(size.height, size.width)).collect();
-    let pairs: Vec<(&Planes, &Planes)> = small.windows(2).map(|w| (&w[0], &w[1])).collect();
-    net.flows(&pairs).into_iter().map(|flow| FlowField::inside(flow, size.height, size.width)).collect()
+fn neighbour_flows(net: &dyn FlowEstimator, frames: &[Planes]) -> Vec<FlowField> {
+    let pairs: Vec<(&Planes, &Planes)> = frames.windows(2).map(|w| (&w[0], &w[1])).collect();
+    net.flows(&pairs).into_iter().map(|flow| FlowField::inside(flow, frames[0].height, frames[0].width)).collect()
 }
 
 #[cfg(test)]
@@ -90,6 +119,7 @@ mod tests {
     use crate::align::metrics::{ScanErrors, summarise};
     use crate::align::result::{DropReason, KeyFrameStatus};
     use crate::align::scene::{Scene, between, view};
+    use crate::align::size::Size;
     use ops::homography::Homography;
 
     const SIZE: Size = Size { height: 96, width: 96 };
@@ -169,15 +199,19 @@ mod tests {
     }
 
     #[test]
-    fn composing_without_regularisation_follows_an_exact_net() {
+    fn the_papers_chain_follows_an_exact_net_with_and_without_a_pose() {
         let views = views(11);
         let frames: Vec<Planes> = views.iter().map(|v| scene().frame(v, SIZE)).collect();
         let net = Exact(&frames, views.clone());
-        let config = AlignConfig { regularise: Regularise::None, ..AlignConfig::default() };
-        assert!(matches!(aligner(config.clone()).align(&frames, None), Err(AlignError::Config { name: "regularise", .. })));
-        let aligned = Aligner { config, adjacent: Some(&net), distant: None }.align(&frames, None).unwrap();
-        let m = summarise(&[ScanErrors::new(&aligned, &truth(&views, &aligned), SIZE)]);
-        assert!(m.pixel_error < 1.0 && m.valid_rate > 0.8, "{m:?}");
+        // The scene's cameras turn, tilt and rise, but their field of view isn't the assumed one.
+        for (regularise, largest) in [(Regularise::None, 1.0), (Regularise::Pnp, 8.0)] {
+            let config = AlignConfig { regularise, ..AlignConfig::default() };
+            let refused = aligner(config.clone()).align(&frames, None);
+            assert!(matches!(refused, Err(AlignError::Config { name: "regularise", .. })));
+            let aligned = Aligner { config, adjacent: Some(&net), distant: None }.align(&frames, None).unwrap();
+            let m = summarise(&[ScanErrors::new(&aligned, &truth(&views, &aligned), SIZE)]);
+            assert!(m.pixel_error < largest && m.valid_rate > 0.8, "{regularise:?}: {m:?}");
+        }
     }
 
     #[test]

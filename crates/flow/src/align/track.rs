@@ -30,7 +30,7 @@ const SEARCHED_BACK: usize = 4;
 
 /// What is known while the key frames are followed.
 pub(super) struct Tracker<'a> {
-    pub scan: &'a Scan<'a>,
+    pub scan: &'a Scan,
     pub aligner: &'a Aligner<'a>,
     pub steps: &'a [NeighbourStep],
     pub flows: Option<&'a [FlowField]>,
