@@ -8,7 +8,7 @@ use toy::{Line, Toy};
 use train::checkpoint::Store;
 use train::config::OnNan;
 use train::recorder::{Kind, Metrics, Previews, Recorder, read_steps};
-use train::run_folder::RunFolder;
+use train::run_folder::{FolderError, RunFolder};
 use train::run_loop::{Outcome, Surroundings, TrainError, Trained, train};
 
 /// burn's CPU generator is one per process: two trainings at once would draw from each other's.
@@ -19,20 +19,23 @@ struct Options {
     on_nan: OnNan,
     every: u64,
     stop_at: Option<u64>,
+    keep_best: usize,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { workers: 1, on_nan: OnNan::Stop, every: 10, stop_at: None }
+        Self { workers: 1, on_nan: OnNan::Stop, every: 10, stop_at: None, keep_best: 0 }
     }
 }
 
 fn run(folder: &Path, stage: &Toy, options: &Options) -> Result<Outcome<Line>, TrainError> {
     let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(|poison| poison.into_inner());
-    let folder = if folder.exists() { RunFolder::open(folder) } else { RunFolder::create(folder, false) }.unwrap();
-    folder.write("run.json", "{}").unwrap();
-    folder.write("config.toml", "").unwrap();
-    let store = Store { folder: folder.checkpoints(), keep_last: 2, fingerprint: "toy".into() };
+    let describe = |folder: &RunFolder| -> Result<(), FolderError> {
+        folder.write("run.json", "{}")?;
+        folder.write("config.toml", "")
+    };
+    let folder = if folder.exists() { RunFolder::open(folder) } else { RunFolder::create(folder, false, describe) }.unwrap();
+    let store = Store { folder: folder.checkpoints(), keep_last: 2, keep_best: options.keep_best, fingerprint: "toy".into() };
     let mut recorders: Vec<Box<dyn Recorder>> =
         vec![Box::new(Metrics::open(&folder.metrics()).unwrap()), Box::new(Previews { folder: folder.previews() })];
     let device = burn::tensor::Device::flex();
@@ -138,8 +141,9 @@ fn a_loss_that_is_not_a_number_stops_with_step_term_and_dump() {
     stage.poisoned = vec![12];
     let Err(error) = run(&folder, &stage, &Options::default()) else { panic!("it went on") };
     let TrainError::NonFinite { step, term, batch, dump, .. } = &error else { panic!("{error}") };
-    assert_eq!((*step, term.as_str(), *batch), (12, "loss", 12));
-    let dumped = std::fs::read(dump).unwrap();
+    assert_eq!((*step, term.as_str(), *batch), (12, "distance", 12));
+    assert_eq!(dump.bad, Some(("y".into(), 6)));
+    let dumped = std::fs::read(&dump.path).unwrap();
     assert_eq!(safetensors::SafeTensors::deserialize(&dumped).unwrap().tensor("x").unwrap().shape(), [6]);
     assert!(error.to_string().contains("on_nan"), "{error}");
 }
