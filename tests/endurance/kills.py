@@ -146,7 +146,7 @@ def kills(train, folder, expected, seconds, count, dice):
         litter = set(run.glob("*/.writing-*"))
         process, began = start(train, folder, run), time.monotonic()
         # A little progress on average, so that the run is killed all along its way and not only near its end.
-        wait = dice.uniform(0, 2.2 * seconds / count + 0.12)
+        wait = dice.uniform(0, 1.4 * seconds / count + 0.1)
         hunting = number % 3 == 0
         while process.poll() is None and time.monotonic() - began < wait + hunting * 2:
             if hunting and time.monotonic() - began > wait and set(run.glob("*/.writing-*")) - litter:

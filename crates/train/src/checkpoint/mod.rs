@@ -121,7 +121,7 @@ fn offer(run: &Path, usable: &Option<(PathBuf, u64)>) -> String {
     match usable {
         Some((path, step)) => {
             let (run, path) = (run.display(), path.display());
-            format!("\n  = the newest that is whole (step {step}) is {path}: continue from there with `--resume {run} --checkpoint {path}`")
+            format!("\n  = another is whole (step {step}): continue from there with `--resume {run} --checkpoint {path}`")
         }
         None => "\n  = there is no other usable checkpoint of this stage: move the file away to start the stage anew".into(),
     }
@@ -181,7 +181,9 @@ impl Checkpoint {
         let tensors = SafeTensors::deserialize(bytes)?;
         let views: BTreeMap<String, TensorView<'_>> = tensors.tensors().into_iter().collect();
         if digest(&state_text, views.iter().map(|(name, view)| (name.as_str(), view.data()))) != field("sha256")? {
-            return Err("its values don't add up to the stored SHA-256: it was damaged, or put together from several files".into());
+            return Err(
+                "its values don't add up to the stored SHA-256: it was damaged, or put together from several files".into()
+            );
         }
         let state = serde_json::from_str(&state_text).map_err(|error| format!("its state can't be read: {error}"))?;
         let mut checkpoint = Self { state, ..Self::default() };

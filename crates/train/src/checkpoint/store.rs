@@ -71,7 +71,8 @@ impl Store {
     fn load_listed(&self, path: &Path, step: u64, stage: &str, device: &Device) -> Result<Checkpoint, CheckpointError> {
         let checkpoint = self.load(path, stage, device)?;
         if checkpoint.state.step != step {
-            let reason = format!("it is of step {} and its name says {step}: it was renamed or exchanged", checkpoint.state.step);
+            let reason =
+                format!("it is of step {} and its name says {step}: it was renamed or exchanged", checkpoint.state.step);
             return Err(CheckpointError::Foreign { path: path.into(), reason });
         }
         Ok(checkpoint)

@@ -84,7 +84,9 @@ fn not_finite(array: &Array) -> usize {
 /// Smallest and largest finite value; none in an array without any.
 fn range(array: &Array) -> Option<(f32, f32)> {
     let finite = array.values.iter().copied().filter(|value| value.is_finite());
-    finite.fold(None, |range, value| Some(range.map_or((value, value), |(low, high): (f32, f32)| (low.min(value), high.max(value)))))
+    finite.fold(None, |range, value| {
+        Some(range.map_or((value, value), |(low, high): (f32, f32)| (low.min(value), high.max(value))))
+    })
 }
 
 fn describe(array: &Array) -> serde_json::Value {

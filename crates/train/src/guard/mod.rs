@@ -63,7 +63,8 @@ mod tests {
 
     #[test]
     fn the_term_at_fault_is_named_before_the_total() {
-        let row = |values: [f64; 3]| [TOTAL, "maps", "renderings"].map(String::from).into_iter().zip(values).collect::<Vec<_>>();
+        let row =
+            |values: [f64; 3]| [TOTAL, "maps", "renderings"].map(String::from).into_iter().zip(values).collect::<Vec<_>>();
         assert_eq!(check_losses(&row([1.0, 0.0, -3.0])), Ok(()));
         assert_eq!(check_losses(&row([f64::NAN, f64::INFINITY, f64::NAN])).unwrap_err().term, "maps");
         assert_eq!(check_losses(&row([f64::NAN, 1.0, 2.0])).unwrap_err().term, TOTAL);

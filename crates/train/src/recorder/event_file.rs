@@ -41,9 +41,9 @@ impl EventFile {
         let name = |number: usize| folder.join(format!("events.out.{MARK}.{seconds:010}.{process}.{number}"));
         let open = |path: PathBuf| OpenOptions::new().write(true).create_new(true).open(path);
         // A run that goes back within a second starts a second file.
-        let file = (0..).map(|number| open(name(number))).find(|opened| {
-            !opened.as_ref().is_err_and(|error| error.kind() == io::ErrorKind::AlreadyExists)
-        });
+        let file = (0..)
+            .map(|number| open(name(number)))
+            .find(|opened| !opened.as_ref().is_err_and(|error| error.kind() == io::ErrorKind::AlreadyExists));
         let file = file.unwrap_or_else(|| Err(io::ErrorKind::AlreadyExists.into()))?;
         let mut records = RecordWriter::new(BufWriter::new(file));
         let mut event = begin();
@@ -96,7 +96,8 @@ fn rewind_file(path: &Path, stage: &str, step: u64) -> io::Result<bool> {
         read += record.len() as u64;
         let event = &record[LENGTH + CHECKSUM..record.len() - CHECKSUM];
         let (at, tag) = step_and_tag(event).unwrap_or_default();
-        let repeated = at > step && tag.strip_prefix(stage.as_bytes()).is_some_and(|rest| matches!(rest.first(), Some(b'/' | b'-')));
+        let repeated =
+            at > step && tag.strip_prefix(stage.as_bytes()).is_some_and(|rest| matches!(rest.first(), Some(b'/' | b'-')));
         if !repeated {
             kept.extend_from_slice(&record);
         }

@@ -40,7 +40,9 @@ impl TensorBoard {
         }
         if let Err(error) = write(self) {
             let folder = self.folder.display();
-            eprintln!("warning: TensorBoard events can't be written into {folder} any more ({error}); metrics.jsonl has all numbers");
+            eprintln!(
+                "warning: TensorBoard events can't be written into {folder} any more ({error}); metrics.jsonl has all numbers"
+            );
             self.failed = true;
         }
     }

@@ -14,9 +14,9 @@ pub use file::{Member, Sweep};
 pub use plan::{Run, levels, plan};
 
 use crate::cli::Failure;
-use crate::pipeline::RunError;
 use crate::device::{self, DeviceError};
 use crate::interrupt;
+use crate::pipeline::RunError;
 use clap::{Args, ValueEnum};
 use engine::Tasks;
 use folders::State;
@@ -129,13 +129,7 @@ fn devices(arguments: &SweepArguments) -> Result<Vec<String>, DeviceError> {
     Ok(devices)
 }
 
-fn prepare(
-    device: &str,
-    runs: &[Run],
-    states: &mut [State],
-    outdated: &[String],
-    out: &Path,
-) -> Result<(), Failure> {
+fn prepare(device: &str, runs: &[Run], states: &mut [State], outdated: &[String], out: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(out).map_err(RunError::Io)?;
     for (run, state) in runs.iter().zip(states) {
         if *state == State::New {
