@@ -2,7 +2,7 @@
 
 use super::NonFinite;
 use image::{Rgb, RgbImage};
-use serde_json::json;
+use serde::Serialize;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -34,26 +34,24 @@ impl Dump {
     pub fn verdict(&self) -> String {
         match &self.bad {
             Some((name, count)) => format!(
-                "{count} values of its array `{name}` aren't numbers (purple in the .png): find the material they come from, or set `run.on_nan = \"restore\"` to go back and skip such batches"
+                "{count} values of its array `{name}` aren't numbers (purple in the .png): find the material they come from"
             ),
-            None => "All its values are numbers, so the weights have gone astray: try a lower learning rate or `clip`, or set `run.on_nan = \"restore\"` to go back and skip it".into(),
+            None => "All its values are numbers, so the weights have gone astray: try a lower learning rate or `clip`".into(),
         }
     }
 }
 
-/// Writes a batch as `STAGE-STEP.safetensors`, with what was found and the arrays' ranges in a `.json` and their pictures in a
+/// Writes a batch as `STAGE-STEP-BATCH.safetensors`, with what was found and the arrays' ranges in a `.json` and their pictures in a
 /// `.png` beside it.
 ///
 /// # Errors
 /// The system's refusal.
 pub fn dump(folder: &Path, stage: &str, step: u64, batch: u64, found: &NonFinite, arrays: &[Array]) -> io::Result<Dump> {
     std::fs::create_dir_all(folder)?;
-    let path = folder.join(format!("{stage}-{step:08}.safetensors"));
+    let path = folder.join(format!("{stage}-{step:08}-{batch}.safetensors"));
     crate::atomic::write(&path, &tensors(arrays)?)?;
-    let record = json!({
-        "stage": stage, "step": step, "batch": batch, "term": found.term, "value": found.value.to_string(),
-        "arrays": arrays.iter().map(describe).collect::<Vec<_>>(),
-    });
+    let arrays_found = arrays.iter().map(Range::of).collect();
+    let record = Record { stage, step, batch, term: &found.term, value: found.value.to_string(), arrays: arrays_found };
     crate::atomic::write(&path.with_extension("json"), crate::report::pretty(&record)?.as_bytes())?;
     if let Some(picture) = picture(arrays) {
         let mut png = io::Cursor::new(Vec::new());
@@ -89,8 +87,31 @@ fn range(array: &Array) -> Option<(f32, f32)> {
     })
 }
 
-fn describe(array: &Array) -> serde_json::Value {
-    json!({ "name": array.name, "shape": array.shape, "not_finite": not_finite(array), "range": range(array) })
+/// What is told of a dumped batch.
+#[derive(Serialize)]
+struct Record<'a> {
+    stage: &'a str,
+    step: u64,
+    batch: u64,
+    term: &'a str,
+    /// JSON has no NaN.
+    value: String,
+    arrays: Vec<Range<'a>>,
+}
+
+/// What is told of an array.
+#[derive(Serialize)]
+struct Range<'a> {
+    name: &'a str,
+    shape: &'a [usize],
+    not_finite: usize,
+    range: Option<(f32, f32)>,
+}
+
+impl<'a> Range<'a> {
+    fn of(array: &'a Array) -> Self {
+        Self { name: &array.name, shape: &array.shape, not_finite: not_finite(array), range: range(array) }
+    }
 }
 
 /// The arrays of planes side by side in the order of their names' first parts, one row per part (`frames`, `flows`, `target` …).
@@ -142,6 +163,7 @@ fn planes(array: &Array, channels: usize, height: usize, width: usize) -> RgbIma
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::json;
 
     fn found() -> NonFinite {
         NonFinite { term: "top".into(), value: f64::NAN }
@@ -155,7 +177,7 @@ mod tests {
         let bad = Array { name: "frames.0".into(), shape: vec![3, 1, 2], values: vec![f32::NAN, 0.5, 0.0, 1.0, 0.25, 0.0] };
         let dumped = dump(&folder, "svbrdf", 7, 9, &found(), &[good, bad]).unwrap();
         assert_eq!(dumped.bad, Some(("frames.0".into(), 1)));
-        assert!(dumped.verdict().contains("`frames.0`") && dumped.verdict().contains("restore"));
+        assert!(dumped.verdict().contains("`frames.0`") && dumped.verdict().contains("material"));
         let bytes = std::fs::read(&dumped.path).unwrap();
         let tensors = safetensors::SafeTensors::deserialize(&bytes).unwrap();
         assert_eq!(tensors.tensor("frames.0").unwrap().shape(), [3, 1, 2]);

@@ -60,8 +60,10 @@ impl Recorder for Metrics {
         Ok(())
     }
 
+    /// To the disk itself: a checkpoint must not outlive the numbers before it.
     fn flush(&mut self) -> io::Result<()> {
-        self.file.flush()
+        self.file.flush()?;
+        self.file.get_ref().sync_data()
     }
 }
 

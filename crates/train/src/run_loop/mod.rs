@@ -29,7 +29,7 @@ pub enum TrainError {
     },
     /// A loss or gradient that isn't a number.
     #[error(
-        "{stage}, step {step}: the term `{term}` is {value}. The batch (number {batch}) is in {}, with pictures and ranges beside it (.png, .json). {}{}",
+        "{stage}, step {step}: the term `{term}` is {value}. The batch (number {batch}) is in {}, with pictures and ranges beside it (.png, .json). {}.{}",
         dump.path.display(), dump.verdict(), restored(*.restores)
     )]
     NonFinite {
@@ -68,7 +68,10 @@ pub enum TrainError {
 }
 
 fn restored(times: usize) -> String {
-    if times == 0 { String::new() } else { format!(". The stage has gone back {times} times already, which doesn't help") }
+    match times {
+        0 => " Or set `run.on_nan = \"restore\"` to go back and leave such batches out".into(),
+        times => format!(" The stage has gone back {times} times already, which doesn't help"),
+    }
 }
 
 /// What surrounds a stage.

@@ -3,7 +3,6 @@
 use super::stop_and_resume::{checkpoints, copy, undisturbed};
 use super::{Ended, Home, metrics};
 use std::collections::BTreeMap;
-use std::io::Read;
 use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
@@ -104,31 +103,25 @@ fn a_second_process_is_refused_and_a_kill_leaves_no_lock() {
     assert_equals_the_undisturbed_run(&home.path("run"));
 }
 
+/// A limit on the size of files, as a quota sets it, stands for a full disk: it needs no disk of one's own. The checkpoints of the
+/// first stage are below it, those of the second above.
+#[cfg(unix)]
 #[test]
-fn a_folder_that_can_no_longer_be_written_ends_the_run_with_what_to_do() {
+fn a_checkpoint_that_cannot_be_written_ends_the_run_with_what_to_do() {
     let home = Home::new();
-    let (folder, aside) = (home.path("run/checkpoints"), home.path("aside"));
-    let mut child = start(&home);
-    wait_for(&mut child, || checkpoints_of(&folder) >= 1);
-    // Permissions don't stop who is root; a file in place of the folder stops everyone.
-    std::fs::rename(&folder, &aside).unwrap();
-    std::fs::write(&folder, "").unwrap();
-    let mut stderr = String::new();
-    child.stderr.take().unwrap().read_to_string(&mut stderr).unwrap();
-    let ended = Ended { code: child.wait().unwrap().code(), stdout: String::new(), stderr };
+    let limited = "trap '' XFSZ; ulimit -f 120; exec \"$0\" --config tiny.toml --out run";
+    let mut shell = std::process::Command::new("sh");
+    shell.current_dir(home.path("")).args(["-c", limited, env!("CARGO_BIN_EXE_train")]);
+    let ended = Ended::new(shell.output().unwrap());
     assert_eq!(ended.code, Some(1), "{}", ended.stderr);
-    for part in ["cannot access the checkpoint", "run/checkpoints/", "`--resume run` goes on"] {
+    for part in ["cannot access the checkpoint run/checkpoints/svbrdf-00000005", "too large", "`--resume run` goes on"] {
         assert!(ended.stderr.contains(part), "`{part}` is not in: {}", ended.stderr);
     }
-    std::fs::remove_file(&folder).unwrap();
-    std::fs::rename(&aside, &folder).unwrap();
+    assert!(!ended.stderr.contains("panicked"), "{}", ended.stderr);
+    assert!(names(&home.path("run/checkpoints")).iter().all(|name| name.starts_with("adjacent-")));
     let last = home.run(&["--resume", "run"]);
     assert_eq!(last.code, Some(0), "{}", last.stderr);
-    assert_equals_the_undisturbed_run(&home.path("run"));
-}
-
-fn checkpoints_of(folder: &Path) -> usize {
-    names(folder).iter().filter(|name| name.ends_with(".safetensors")).count()
+    assert_eq!(metrics(&home.path("run")), undisturbed().1);
 }
 
 /// The undisturbed run as it was before its last stage ended.
@@ -189,15 +182,24 @@ fn undisturbed_home() -> &'static Home {
 #[test]
 fn numbers_that_go_bad_stop_the_run_with_step_term_and_dump() {
     let home = Home::new();
-    // Finite in the config, infinite as the single that the loss is.
-    let bad = ["--config", "tiny.toml", "--out", "run", "--set", "adjacent.steps=0", "--set", "svbrdf.loss.weights.top=1e300"];
+    // Finite one by one, infinite in their sum.
+    let bad = [
+        "--config",
+        "tiny.toml",
+        "--out",
+        "run",
+        "--set",
+        "adjacent.steps=0",
+        "--set",
+        "svbrdf.loss.weights={maps=3e38, rendering=3e38, top=3e38}",
+    ];
     let stopped = home.run(&bad);
     assert_eq!(stopped.code, Some(1), "{}", stopped.stderr);
-    let dump = "run/failures/svbrdf-00000000.safetensors";
+    let dump = "run/failures/svbrdf-00000000-0.safetensors";
     for part in ["svbrdf, step 0: the term `loss` is inf", dump, "learning rate", "on_nan", "`--resume run` goes on"] {
         assert!(stopped.stderr.contains(part), "`{part}` is not in: {}", stopped.stderr);
     }
-    for name in [dump, "run/failures/svbrdf-00000000.png", "run/failures/svbrdf-00000000.json"] {
+    for name in [dump, "run/failures/svbrdf-00000000-0.png", "run/failures/svbrdf-00000000-0.json"] {
         assert!(home.path(name).is_file(), "{name}");
     }
     // Going back doesn't help where every batch is bad, and that ends too.
@@ -205,6 +207,7 @@ fn numbers_that_go_bad_stop_the_run_with_step_term_and_dump() {
     assert_eq!(restored.code, Some(1), "{}", restored.stderr);
     assert_eq!(restored.stderr.matches("skipping batch").count(), 5, "{}", restored.stderr);
     assert!(restored.stderr.contains("gone back 5 times already"), "{}", restored.stderr);
+    assert!(home.path("run/failures/svbrdf-00000000-5.safetensors").is_file());
 }
 
 #[test]
