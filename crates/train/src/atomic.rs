@@ -1,7 +1,7 @@
 //! Writing files so that a reader, or a crash, never meets half of one.
 
 use std::fs::File;
-use std::io::{self, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 /// How the names of half-written files begin.
@@ -12,14 +12,23 @@ pub const UNFINISHED: &str = ".writing-";
 /// # Errors
 /// Whatever the system reports (no space, no permission); the old file is untouched then and nothing is left behind.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    write_with(path, |file| file.write_all(bytes))
+}
+
+/// As [`write`], for what need not be in memory all at once.
+///
+/// # Errors
+/// As [`write`], or what `content` says.
+pub fn write_with(path: &Path, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
     builder.prefix(UNFINISHED);
     // A temporary file is for its owner only; what it becomes is as readable as any other file of that person.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let mut file = builder.tempfile_in(folder)?;
-    file.write_all(bytes)?;
+    let mut file = BufWriter::new(builder.tempfile_in(folder)?);
+    content(&mut file)?;
+    let file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
     file.as_file().sync_all()?;
     file.persist(path).map_err(|error| error.error)?;
     // The rename itself is only safe once the folder is on the disk; not every file system lets a folder be synced.

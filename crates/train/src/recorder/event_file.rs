@@ -90,24 +90,38 @@ pub fn rewind(folder: &Path, stage: &str, step: u64) -> io::Result<bool> {
 }
 
 fn rewind_file(path: &Path, stage: &str, step: u64) -> io::Result<bool> {
-    let mut file = BufReader::new(File::open(path)?);
-    let (mut kept, mut read) = (Vec::new(), 0);
-    while let Some(record) = next_record(&mut file)? {
+    let is_repeated = |record: &[u8]| {
+        let (at, tag) = step_and_tag(event_of(record)).unwrap_or_default();
+        at > step && tag.strip_prefix(stage.as_bytes()).is_some_and(|rest| matches!(rest.first(), Some(b'/' | b'-')))
+    };
+    let (mut read, mut repeated) = (0, false);
+    each_record(path, |record| {
         read += record.len() as u64;
-        let event = &record[LENGTH + CHECKSUM..record.len() - CHECKSUM];
-        let (at, tag) = step_and_tag(event).unwrap_or_default();
-        let repeated =
-            at > step && tag.strip_prefix(stage.as_bytes()).is_some_and(|rest| matches!(rest.first(), Some(b'/' | b'-')));
-        if !repeated {
-            kept.extend_from_slice(&record);
-        }
-    }
+        repeated |= is_repeated(record);
+        Ok(())
+    })?;
     // Most files of most stages hold nothing to take out.
-    if kept.len() as u64 == read && read == std::fs::metadata(path)?.len() {
+    if !repeated && read == std::fs::metadata(path)?.len() {
         return Ok(false);
     }
-    crate::atomic::write(path, &kept)?;
+    crate::atomic::write_with(path, |kept| {
+        each_record(path, |record| if is_repeated(record) { Ok(()) } else { kept.write_all(record) })
+    })?;
     Ok(true)
+}
+
+/// Goes through a file's whole records, each with all that is around it.
+fn each_record(path: &Path, mut take: impl FnMut(&[u8]) -> io::Result<()>) -> io::Result<()> {
+    let mut file = BufReader::new(File::open(path)?);
+    while let Some(record) = next_record(&mut file)? {
+        take(&record)?;
+    }
+    Ok(())
+}
+
+/// The event in a record.
+fn event_of(record: &[u8]) -> &[u8] {
+    &record[LENGTH + CHECKSUM..record.len() - CHECKSUM]
 }
 
 /// The next record with all that is around it; `None` at the end, whole or torn.
@@ -185,21 +199,19 @@ fn now() -> f64 {
 /// # Errors
 /// The system's refusal.
 pub fn read_scalars(folder: &Path) -> io::Result<Vec<(u64, String, f32)>> {
-    /// `simple_value` of a `Value`: a single.
+    /// `simple_value` of a `Value`, a single, which stands last.
     const NUMBER: u8 = 2 << 3 | 5;
     let mut scalars = Vec::new();
     for entry in std::fs::read_dir(folder)? {
-        let mut file = BufReader::new(File::open(entry?.path())?);
-        while let Some(record) = next_record(&mut file)? {
-            let event = &record[LENGTH + CHECKSUM..record.len() - CHECKSUM];
-            let Some((step, tag)) = step_and_tag(event) else { continue };
-            let after = &event[event.len().saturating_sub(5)..];
-            if let [NUMBER, number @ ..] = after
-                && let Ok(bytes) = number.try_into()
+        each_record(&entry?.path(), |record| {
+            let event = event_of(record);
+            if let Some((step, tag)) = step_and_tag(event)
+                && let Some([NUMBER, number @ ..]) = event.last_chunk::<5>()
             {
-                scalars.push((step, String::from_utf8_lossy(tag).into_owned(), f32::from_le_bytes(bytes)));
+                scalars.push((step, String::from_utf8_lossy(tag).into_owned(), f32::from_le_bytes(*number)));
             }
-        }
+            Ok(())
+        })?;
     }
     Ok(scalars)
 }

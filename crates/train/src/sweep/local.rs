@@ -151,7 +151,7 @@ fn ask_to_stop(child: &mut Child) {
     let _ = child.kill();
 }
 
-/// The last line of a log that says something, from its last few kilobytes.
+/// The last line of a log that says something, from its last few kilobytes; what is indented only adds to the line before it.
 fn last_line(log: &Path) -> Option<String> {
     const TAIL: i64 = 4096;
     let mut file = File::open(log).ok()?;
@@ -160,7 +160,7 @@ fn last_line(log: &Path) -> Option<String> {
     let mut bytes = Vec::new();
     file.read_to_end(&mut bytes).ok()?;
     let text = String::from_utf8_lossy(&bytes);
-    text.lines().rev().find(|line| !line.trim().is_empty()).map(str::to_string)
+    text.lines().rev().find(|line| !line.is_empty() && !line.starts_with(' ')).map(str::to_string)
 }
 
 /// The device with the fewest runs, of so many; `busy` has one device per run.
