@@ -123,7 +123,7 @@ pub(crate) enum Failure {
     Run(#[from] RunError),
     /// A run that ended in the middle, with what it had reached on the disk.
     #[error("{error}\n  = what was trained until the last checkpoint is kept; once that is mended, `--resume {}` goes on", run.display())]
-    Interrupted { error: RunError, run: PathBuf },
+    Interrupted { error: Box<RunError>, run: PathBuf },
     #[error(transparent)]
     Export(ExportError),
     #[error(transparent)]
@@ -303,7 +303,7 @@ fn device_name(arguments: &Arguments) -> String {
 fn interrupted(error: RunError, folder: &RunFolder) -> Failure {
     match error {
         RunError::Checkpoint(CheckpointError::Refused { .. }) => Failure::Run(error),
-        error => Failure::Interrupted { error, run: folder.path().into() },
+        error => Failure::Interrupted { error: Box::new(error), run: folder.path().into() },
     }
 }
 

@@ -44,7 +44,7 @@ pub enum TrainError {
         /// Number of the batch.
         batch: u64,
         /// The dumped batch.
-        dump: Dump,
+        dump: Box<Dump>,
         /// How often the stage has gone back already.
         restores: usize,
     },

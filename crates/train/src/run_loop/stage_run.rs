@@ -211,7 +211,7 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         let BadStep { found: NonFinite { term, value }, batch, dump } = bad;
         let mut skipped = self.state.skipped.clone();
         if self.around.on_nan == OnNan::Stop || skipped.len() >= MOST_RESTORES {
-            let (step, restores) = (self.state.step, skipped.len());
+            let (step, restores, dump) = (self.state.step, skipped.len(), Box::new(dump));
             return Err(TrainError::NonFinite { stage: name, step, term, value, batch, dump, restores });
         }
         skipped.push(batch);
