@@ -15,10 +15,10 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     write_with(path, |file| file.write_all(bytes))
 }
 
-/// As [`write`], for what need not be in memory all at once.
+/// As [`write()`], for what need not be in memory all at once.
 ///
 /// # Errors
-/// As [`write`], or what `content` says.
+/// As [`write()`], or what `content` says.
 pub fn write_with(path: &Path, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
