@@ -1,17 +1,34 @@
 //! Writing files so that a reader, or a crash, never meets half of one.
 
 use std::fs::File;
-use std::io::{self, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
+
+/// How the names of half-written files begin.
+pub const UNFINISHED: &str = ".writing-";
 
 /// Writes a file completely or not at all: into a temporary file beside it, flushed to the disk, then renamed.
 ///
 /// # Errors
 /// Whatever the system reports (no space, no permission); the old file is untouched then and nothing is left behind.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    write_with(path, |file| file.write_all(bytes))
+}
+
+/// As [`write()`], for what need not be in memory all at once.
+///
+/// # Errors
+/// As [`write()`], or what `content` says.
+pub fn write_with(path: &Path, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut file = tempfile::Builder::new().prefix(".writing-").tempfile_in(folder)?;
-    file.write_all(bytes)?;
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(UNFINISHED);
+    // A temporary file is for its owner only; what it becomes is as readable as any other file of that person.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let mut file = BufWriter::new(builder.tempfile_in(folder)?);
+    content(&mut file)?;
+    let file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
     file.as_file().sync_all()?;
     file.persist(path).map_err(|error| error.error)?;
     // The rename itself is only safe once the folder is on the disk; not every file system lets a folder be synced.
@@ -21,9 +38,43 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     Ok(())
 }
 
+/// Removes the half-written files that killed processes left in a folder; only for who owns the folder. They are in nobody's
+/// way, so those that can't be removed stay.
+pub fn remove_unfinished(folder: &Path) {
+    let Ok(entries) = std::fs::read_dir(folder) else { return };
+    for entry in entries.flatten() {
+        if entry.file_name().to_str().is_some_and(|name| name.starts_with(UNFINISHED)) {
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_half_written_files_are_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in [".writing-x1", "a.json", ".hidden"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        remove_unfinished(folder.path());
+        let mut left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        left.sort();
+        assert_eq!(left, [".hidden", "a.json"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn files_are_as_readable_as_any_other() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let mode = |name: &str| std::fs::metadata(folder.path().join(name)).unwrap().permissions().mode();
+        write(&folder.path().join("a"), b"x").unwrap();
+        std::fs::write(folder.path().join("b"), b"x").unwrap();
+        assert_eq!(mode("a"), mode("b"));
+    }
 
     #[test]
     fn replaces_whole_files_and_leaves_nothing_else() {

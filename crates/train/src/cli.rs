@@ -1,5 +1,6 @@
 //! The command line: from arguments to a run and an exit code.
 
+use crate::checkpoint::CheckpointError;
 use crate::config::{Config, ConfigError};
 use crate::device;
 use crate::export::{self, ExportError};
@@ -38,9 +39,10 @@ pub struct Arguments {
     /// Print the resolved config and stop.
     #[arg(long)]
     dry_run: bool,
-    /// Where the nets run: cpu, or vulkan, wgpu, cuda when built with that feature.
-    #[arg(long, default_value = "cpu")]
-    device: String,
+    /// Where the nets run: cpu, or vulkan, wgpu, cuda when built with that feature, with the number of a card if need be
+    /// (cuda:1) [default: cpu; with --resume the device of the run].
+    #[arg(long)]
+    device: Option<String>,
     /// Run folder [default: runs/NAME].
     #[arg(long, value_name = "DIR", conflicts_with = "resume")]
     out: Option<PathBuf>,
@@ -119,6 +121,9 @@ pub(crate) enum Failure {
     Usage(String),
     #[error(transparent)]
     Run(#[from] RunError),
+    /// A run that ended in the middle, with what it had reached on the disk.
+    #[error("{error}\n  = what was trained until the last checkpoint is kept; once that is mended, `--resume {}` goes on", run.display())]
+    Interrupted { error: Box<RunError>, run: PathBuf },
     #[error(transparent)]
     Export(ExportError),
     #[error(transparent)]
@@ -248,19 +253,17 @@ fn train(arguments: &Arguments) -> Result<ExitCode, Failure> {
         return Ok(ExitCode::SUCCESS);
     }
     check_start(&config)?;
-    let device = device::open(&arguments.device).map_err(|error| Failure::Usage(error.to_string()))?;
+    let name = device_name(arguments);
+    let device = device::open(&name).map_err(|error| Failure::Usage(error.to_string()))?;
     // Before the folder: a wrong path to the materials leaves nothing behind.
     let materials = pipeline::open_library(&config).map_err(|error| Failure::Usage(error.to_string()))?;
     let folder = match &arguments.resume {
         Some(run) => RunFolder::open(run)?,
-        None => RunFolder::create(
-            &arguments.out.clone().unwrap_or_else(|| Path::new("runs").join(&config.run.name)),
-            arguments.force,
-        )?,
+        None => {
+            let path = arguments.out.clone().unwrap_or_else(|| Path::new("runs").join(&config.run.name));
+            RunFolder::create(&path, arguments.force, |folder| describe_run(folder, &config, &name, &materials))?
+        }
     };
-    if arguments.resume.is_none() {
-        describe_run(&folder, &config, &arguments.device, &materials)?;
-    }
     for other in &arguments.nets_of {
         take(&folder, &config, other)?;
     }
@@ -269,7 +272,7 @@ fn train(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let checkpoint = arguments.checkpoint.clone();
     let revision = crate::revision::revision();
     let mut pipeline = Pipeline { config: &config, folder: &folder, device, materials, revision, checkpoint, stop: &stop };
-    match pipeline.run()? {
+    match pipeline.run().map_err(|error| interrupted(error, &folder))? {
         Ending::Done => {
             eprintln!("done: {}", folder.path().display());
             Ok(ExitCode::SUCCESS)
@@ -279,6 +282,28 @@ fn train(arguments: &Arguments) -> Result<ExitCode, Failure> {
             eprintln!("stopped in {stage} after step {step}; continue with `--resume {path}`");
             Ok(ExitCode::from(interrupt::EXIT_CODE))
         }
+    }
+}
+
+/// The device of the command line, else the one that a resumed run began on.
+fn device_name(arguments: &Arguments) -> String {
+    let began = arguments.resume.as_ref().and_then(|run| {
+        let text = std::fs::read(run.join("run.json")).ok()?;
+        Some(serde_json::from_slice::<serde_json::Value>(&text).ok()?["device"].as_str()?.to_string())
+    });
+    if let (Some(began), Some(now)) = (&began, &arguments.device)
+        && device::kind(began) != device::kind(now)
+    {
+        eprintln!("note: this run began on {began} and goes on on {now}: its numbers will differ in their last digits");
+    }
+    arguments.device.clone().or(began).unwrap_or_else(|| "cpu".into())
+}
+
+/// A refused checkpoint says itself how to go on.
+fn interrupted(error: RunError, folder: &RunFolder) -> Failure {
+    match error {
+        RunError::Checkpoint(CheckpointError::Refused { .. }) => Failure::Run(error),
+        error => Failure::Interrupted { error: Box::new(error), run: folder.path().into() },
     }
 }
 

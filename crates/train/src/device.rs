@@ -1,4 +1,9 @@
-//! `--device`: which of the back ends that were built in the nets run on.
+//! `--device`: which of the back ends that were built in the nets run on, and which of its cards (`cuda:1`).
+//!
+//! One run trains on one device. burn's own data-parallel strategy (`ExecutionStrategy::MultiDevice`) belongs to the learner of
+//! burn-train, with optimiser records that go by random parameter numbers; this loop has its own optimiser so that a run
+//! resumes to the last bit (see [`crate::optimiser`]). Below it, burn's `all_reduce` exists for CUDA alone and adds up in an
+//! order that isn't fixed. So several devices are used by several runs: `train sweep --device cuda:0,cuda:1 --jobs 2`.
 
 use burn::tensor::Device;
 
@@ -10,6 +15,31 @@ pub enum DeviceError {
     Unknown {
         /// What was asked for.
         found: String,
+    },
+    /// Several devices for one run.
+    #[error(
+        "`--device {found}` names several devices, and one run trains on one. Several are used by several runs: `train sweep FILE --device {found} --jobs {}` gives each run the next free one; a larger batch fits one device with `optimisation.accumulate`",
+        found.split(',').count()
+    )]
+    Several {
+        /// What was asked for.
+        found: String,
+    },
+    /// Several devices for the tasks of an engine.
+    #[error(
+        "`--device {found}` names several devices, and an engine gives its tasks one each: name the kind alone, for example `--device cuda`, and let the engine choose the card"
+    )]
+    Tasks {
+        /// What was asked for.
+        found: String,
+    },
+    /// A back end that is one device, or a number that is none.
+    #[error("the device `{found}` is not one of {kind}'s: expected {}", expected(kind))]
+    Number {
+        /// What was asked for.
+        found: String,
+        /// The back end.
+        kind: String,
     },
     /// The back end exists but this binary was built without it.
     #[error(
@@ -39,20 +69,62 @@ pub fn built_in() -> Vec<&'static str> {
     NAMES.into_iter().zip(present).filter_map(|(name, present)| present.then_some(name)).collect()
 }
 
+fn expected(kind: &str) -> String {
+    match kind {
+        "cpu" => "`cpu`, which uses all cores by itself (`RAYON_NUM_THREADS` limits them)".into(),
+        kind => format!("`{kind}` or a card by its number, `{kind}:0`, `{kind}:1` …"),
+    }
+}
+
+/// The back end in a device's name.
+pub fn kind(name: &str) -> &str {
+    name.split(':').next().unwrap_or(name)
+}
+
+/// The devices of a list, `cuda:0,cuda:1`, each once.
+///
+/// # Errors
+/// A name that no back end has, or a number that can't be one of its devices.
+pub fn list(names: &str) -> Result<Vec<String>, DeviceError> {
+    let mut devices: Vec<String> = Vec::new();
+    for name in names.split(',').map(str::trim) {
+        parse(name)?;
+        if !devices.iter().any(|known| known == name) {
+            devices.push(name.into());
+        }
+    }
+    Ok(devices)
+}
+
+/// The back end that a device belongs to, and the device's number when one is given.
+fn parse(name: &str) -> Result<(&str, Option<usize>), DeviceError> {
+    if name.contains(',') {
+        return Err(DeviceError::Several { found: name.into() });
+    }
+    let (kind, number) = name.split_once(':').map_or((name, None), |(kind, number)| (kind, Some(number)));
+    if !NAMES.contains(&kind) {
+        return Err(DeviceError::Unknown { found: name.into() });
+    }
+    let wrong = || DeviceError::Number { found: name.into(), kind: kind.into() };
+    match number {
+        None => Ok((kind, None)),
+        Some(_) if kind == "cpu" => Err(wrong()),
+        Some(number) => Ok((kind, Some(number.parse().map_err(|_| wrong())?))),
+    }
+}
+
 /// Opens a device and proves with one small computation that it is there.
 ///
 /// # Errors
-/// An unknown name, a back end that isn't built in, or one that can't be started.
+/// An unknown name, a back end that isn't built in, one that can't be started, or several devices.
 pub fn open(name: &str) -> Result<Device, DeviceError> {
-    if !NAMES.contains(&name) {
-        return Err(DeviceError::Unknown { found: name.into() });
-    }
-    if !built_in().contains(&name) {
-        return Err(DeviceError::NotBuiltIn { found: name.into() });
+    let (kind, number) = parse(name)?;
+    if !built_in().contains(&kind) {
+        return Err(DeviceError::NotBuiltIn { found: kind.into() });
     }
     // GPU back ends panic where they find no card; that is user data here, not a bug.
     std::panic::catch_unwind(|| {
-        let device = back_end(name);
+        let device = back_end(kind, number);
         let sum: f32 = burn::tensor::Tensor::<1>::ones([4], &device).sum().into_scalar();
         assert!(sum == 4.0, "it computes 1 + 1 + 1 + 1 = {sum}");
         device
@@ -63,14 +135,17 @@ pub fn open(name: &str) -> Result<Device, DeviceError> {
     })
 }
 
-fn back_end(name: &str) -> Device {
-    match name {
+#[cfg_attr(not(any(feature = "vulkan", feature = "wgpu", feature = "cuda")), expect(unused_variables))]
+fn back_end(kind: &str, number: Option<usize>) -> Device {
+    #[cfg(any(feature = "vulkan", feature = "wgpu"))]
+    let card = number.map_or(burn::tensor::DeviceKind::DefaultDevice, burn::tensor::DeviceKind::DiscreteGpu);
+    match kind {
         #[cfg(feature = "vulkan")]
-        "vulkan" => Device::vulkan(burn::tensor::DeviceKind::DefaultDevice),
+        "vulkan" => Device::vulkan(card),
         #[cfg(feature = "wgpu")]
-        "wgpu" => Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
+        "wgpu" => Device::wgpu(card),
         #[cfg(feature = "cuda")]
-        "cuda" => Device::cuda(0),
+        "cuda" => Device::cuda(number.unwrap_or(0)),
         _ => Device::flex(),
     }
 }
@@ -88,6 +163,25 @@ mod tests {
     fn an_unknown_device_names_the_known_ones() {
         let text = open("tpu").unwrap_err().to_string();
         assert!(text.contains("tpu") && text.contains("cpu, vulkan, wgpu, cuda"), "{text}");
+    }
+
+    #[test]
+    fn several_devices_for_one_run_are_refused_with_what_to_do() {
+        let text = open("cuda:0,cuda:1").unwrap_err().to_string();
+        assert!(text.contains("train sweep FILE --device cuda:0,cuda:1 --jobs 2"), "{text}");
+    }
+
+    #[test]
+    fn a_list_names_each_device_once() {
+        assert_eq!(list("cuda:1, cuda:0,cuda:1").unwrap(), ["cuda:1", "cuda:0"]);
+        assert_eq!(list("cpu,cpu").unwrap(), ["cpu"]);
+        assert!(matches!(list("cuda:0,tpu"), Err(DeviceError::Unknown { .. })));
+    }
+
+    #[test]
+    fn the_cpu_has_no_numbers_and_cards_have_nothing_else() {
+        assert!(list("cpu:1").unwrap_err().to_string().contains("all cores"));
+        assert!(list("cuda:first").unwrap_err().to_string().contains("`cuda:1`"));
     }
 
     #[cfg(not(feature = "cuda"))]

@@ -17,7 +17,7 @@ use flow::weights::{ADJACENT, DISTANT};
 use ops::weights::{Precision, WeightsError};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -233,11 +233,12 @@ impl Pipeline<'_> {
         let store = Store {
             folder: self.folder.checkpoints(),
             keep_last: self.config.checkpoint.keep_last,
+            keep_best: self.config.checkpoint.keep_best,
             fingerprint: fingerprint(self.config),
         };
         // A chosen checkpoint is of the stage the run stands in; later stages have none yet.
         let from = match self.checkpoint.take() {
-            Some(path) => Some(self.chosen(&store, &path, stage.name())?),
+            Some(path) => Some(store.chosen(&path, stage.name(), &self.device)?),
             None => store.newest(stage.name(), &self.device)?,
         };
         let mut around = Surroundings {
@@ -264,13 +265,6 @@ impl Pipeline<'_> {
                 Ok(None)
             }
         }
-    }
-
-    /// A checkpoint chosen by a person; newer ones of the stage are set aside.
-    fn chosen(&self, store: &Store, path: &Path, stage: &str) -> Result<crate::checkpoint::Checkpoint, RunError> {
-        let checkpoint = store.load(path, stage, &self.device)?;
-        store.set_aside_after(stage, checkpoint.state.step)?;
-        Ok(checkpoint)
     }
 
     /// How a net was trained, for the manifest of its weights.

@@ -4,10 +4,11 @@ use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Everything the program itself puts into a run folder; `--force` removes these and nothing else.
+/// Everything the program itself puts into a run folder; `--force` removes these and nothing else. `run.json` goes first: a
+/// folder without it can't be resumed, so a kill in the middle leaves nothing that looks like a run.
 const OWN: [&str; 12] = [
-    "config.toml",
     "run.json",
+    "config.toml",
     "materials.json",
     "progress.json",
     "metrics.jsonl",
@@ -34,13 +35,16 @@ pub enum FolderError {
         path: PathBuf,
     },
     /// `--force` on a folder that no run has written.
-    #[error("{} is not a run folder (it has no run.json), so `--force` does not replace it: choose another with `--out`", path.display())]
+    #[error("{} is not a run folder (it has neither run.json nor {LOCK}), so `--force` does not replace it: choose another with `--out`", path.display())]
     Foreign {
         /// The folder.
         path: PathBuf,
     },
     /// Nothing to resume.
-    #[error("there is no run to resume in {}: expected a folder with config.toml and run.json, as a run leaves it", path.display())]
+    #[error(
+        "there is no run to resume in {}: expected a folder with config.toml and run.json, as a run leaves it (one that was ended before it had begun leaves nothing: start it again with `--config`)",
+        path.display()
+    )]
     Absent {
         /// The folder.
         path: PathBuf,
@@ -69,21 +73,48 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Makes a new run folder; `force` replaces an earlier run in it.
+    /// Makes a new run folder that `describe` fills with what the run is; `force` replaces an earlier run in it.
+    ///
+    /// A folder that isn't there yet appears whole or not at all, whenever the process ends.
     ///
     /// # Errors
-    /// A folder that isn't empty (without `force`), that no run wrote, that is in use, or that can't be written.
-    pub fn create(path: &Path, force: bool) -> Result<Self, FolderError> {
+    /// A folder that isn't empty (without `force`), that no run wrote, that is in use, or that can't be written; or what
+    /// `describe` says.
+    pub fn create<E: From<FolderError>>(
+        path: &Path,
+        force: bool,
+        describe: impl FnOnce(&Self) -> Result<(), E>,
+    ) -> Result<Self, E> {
         let occupied =
             fs::read_dir(path).is_ok_and(|mut entries| entries.any(|entry| entry.is_ok_and(|e| e.file_name() != LOCK)));
         if (occupied || path.is_file()) && !force {
-            return Err(FolderError::Exists { path: path.into() });
+            return Err(FolderError::Exists { path: path.into() }.into());
         }
-        if path.is_file() || (occupied && !path.join("run.json").is_file()) {
-            return Err(FolderError::Foreign { path: path.into() });
+        let begun = path.join("run.json").is_file() || path.join(LOCK).is_file();
+        if path.is_file() || (occupied && !begun) {
+            return Err(FolderError::Foreign { path: path.into() }.into());
         }
-        fs::create_dir_all(path).map_err(|source| FolderError::Io { path: path.into(), source })?;
-        let folder = Self { path: path.into(), _lock: lock(path)? };
+        // A folder that is there stays itself: it may be a mounted disk.
+        let scratch = preparing(path).filter(|_| !path.exists());
+        let mut folder = Self::claim(scratch.as_deref().unwrap_or(path), path)?;
+        let described = describe(&folder);
+        if let Some(scratch) = scratch {
+            if described.is_err() {
+                let _ = fs::remove_dir_all(&scratch);
+            }
+            described?;
+            fs::rename(&scratch, path).map_err(|source| FolderError::Io { path: path.into(), source })?;
+            folder.path = path.into();
+        } else {
+            described?;
+        }
+        Ok(folder)
+    }
+
+    /// Makes the folder `at`, which is or will be `path`, this process's own and empties it of an earlier run.
+    fn claim(at: &Path, path: &Path) -> Result<Self, FolderError> {
+        fs::create_dir_all(at).map_err(|source| FolderError::Io { path: path.into(), source })?;
+        let folder = Self { path: at.into(), _lock: lock(at, path)? };
         for name in OWN {
             folder.remove(name)?;
         }
@@ -99,13 +130,20 @@ impl RunFolder {
         if !path.join("config.toml").is_file() || !path.join("run.json").is_file() {
             return Err(FolderError::Absent { path: path.into() });
         }
-        let folder = Self { path: path.into(), _lock: lock(path)? };
+        let folder = Self { path: path.into(), _lock: lock(path, path)? };
         folder.make_folders()?;
+        for written in [path.into(), folder.failures()].into_iter().chain(folder.folders()) {
+            crate::atomic::remove_unfinished(&written);
+        }
         Ok(folder)
     }
 
+    fn folders(&self) -> [PathBuf; 4] {
+        [self.tensorboard(), self.previews(), self.checkpoints(), self.weights()]
+    }
+
     fn make_folders(&self) -> Result<(), FolderError> {
-        for path in [self.tensorboard(), self.previews(), self.checkpoints(), self.weights()] {
+        for path in self.folders() {
             fs::create_dir_all(&path).map_err(|source| FolderError::Io { path, source })?;
         }
         Ok(())
@@ -170,14 +208,20 @@ impl RunFolder {
     }
 }
 
-/// The system releases the lock when the process ends, however it ends.
-fn lock(folder: &Path) -> Result<File, FolderError> {
-    let path = folder.join(LOCK);
-    let file = File::create(&path).map_err(|source| FolderError::Io { path: path.clone(), source })?;
+/// Where a folder is made ready before it appears; none for a path that doesn't end in a name.
+fn preparing(path: &Path) -> Option<PathBuf> {
+    let name = path.file_name()?.to_string_lossy();
+    Some(path.with_file_name(format!(".preparing-{name}")))
+}
+
+/// The system releases the lock when the process ends, however it ends. `path` is what a person calls the folder.
+fn lock(folder: &Path, path: &Path) -> Result<File, FolderError> {
+    let lock = folder.join(LOCK);
+    let file = File::create(&lock).map_err(|source| FolderError::Io { path: lock.clone(), source })?;
     match file.try_lock() {
         Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(FolderError::Locked { path: folder.into() }),
-        Err(TryLockError::Error(source)) => Err(FolderError::Io { path, source }),
+        Err(TryLockError::WouldBlock) => Err(FolderError::Locked { path: path.into() }),
+        Err(TryLockError::Error(source)) => Err(FolderError::Io { path: lock, source }),
     }
 }
 
@@ -185,15 +229,23 @@ fn lock(folder: &Path) -> Result<File, FolderError> {
 mod tests {
     use super::*;
 
+    /// Begins a run as the program does, with the least that makes it one.
+    fn begin(path: &Path, force: bool) -> Result<RunFolder, FolderError> {
+        RunFolder::create(path, force, |folder| {
+            folder.write("config.toml", "")?;
+            folder.write("run.json", "{}")
+        })
+    }
+
     #[test]
     fn an_existing_run_is_refused_and_force_replaces_only_what_a_run_writes() {
         let home = tempfile::tempdir().unwrap();
         let path = home.path().join("run");
-        drop(RunFolder::create(&path, false).unwrap().write("run.json", "{}"));
+        begin(&path, false).unwrap().write("report.json", "{}").unwrap();
         fs::write(path.join("notes.txt"), "mine").unwrap();
-        assert!(matches!(RunFolder::create(&path, false), Err(FolderError::Exists { .. })));
-        RunFolder::create(&path, true).unwrap();
-        assert!(!path.join("run.json").exists());
+        assert!(matches!(begin(&path, false), Err(FolderError::Exists { .. })));
+        begin(&path, true).unwrap();
+        assert!(!path.join("report.json").exists());
         assert_eq!(fs::read_to_string(path.join("notes.txt")).unwrap(), "mine");
     }
 
@@ -202,21 +254,67 @@ mod tests {
         let home = tempfile::tempdir().unwrap();
         fs::create_dir(home.path().join("weights")).unwrap();
         fs::write(home.path().join("weights/precious"), "").unwrap();
-        assert!(matches!(RunFolder::create(home.path(), true), Err(FolderError::Foreign { .. })));
+        assert!(matches!(begin(home.path(), true), Err(FolderError::Foreign { .. })));
         assert!(home.path().join("weights/precious").exists());
+    }
+
+    #[test]
+    fn a_run_appears_whole_or_not_at_all() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("run");
+        let seen = std::cell::Cell::new(true);
+        let refused = RunFolder::create(&path, false, |_| {
+            seen.set(path.exists());
+            Err(FolderError::Absent { path: path.clone() })
+        });
+        assert!(refused.is_err() && !seen.get());
+        assert_eq!(fs::read_dir(home.path()).unwrap().count(), 0);
+        // What a kill leaves is neither in the way of the next start nor does it last.
+        fs::create_dir_all(home.path().join(".preparing-run/tb")).unwrap();
+        begin(&path, false).unwrap();
+        assert_eq!(fs::read_dir(home.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_start_that_was_killed_in_an_existing_folder_can_be_forced() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("run");
+        begin(&path, false).unwrap();
+        fs::remove_file(path.join("run.json")).unwrap();
+        assert!(matches!(RunFolder::open(&path), Err(FolderError::Absent { .. })));
+        assert!(begin(&path, true).is_ok());
     }
 
     #[test]
     fn two_runs_cannot_share_a_folder() {
         let home = tempfile::tempdir().unwrap();
         let path = home.path().join("run");
-        let first = RunFolder::create(&path, false).unwrap();
-        first.write("run.json", "{}").unwrap();
-        first.write("config.toml", "").unwrap();
+        let first = begin(&path, false).unwrap();
         assert!(matches!(RunFolder::open(&path), Err(FolderError::Locked { .. })));
-        assert!(matches!(RunFolder::create(&path, true), Err(FolderError::Locked { .. })));
+        assert!(matches!(begin(&path, true), Err(FolderError::Locked { .. })));
         drop(first);
         assert!(RunFolder::open(&path).is_ok());
+    }
+
+    #[test]
+    fn two_runs_cannot_begin_in_one_folder() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("run");
+        RunFolder::create(&path, false, |_| {
+            assert!(matches!(begin(&path, false), Err(FolderError::Locked { path: told }) if told == path));
+            Ok::<_, FolderError>(())
+        })
+        .unwrap();
+    }
+
+    #[test]
+    fn what_killed_processes_left_half_written_is_removed() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("run");
+        let half = begin(&path, false).unwrap().checkpoints().join(".writing-a1b2");
+        fs::write(&half, "half").unwrap();
+        RunFolder::open(&path).unwrap();
+        assert!(!half.exists());
     }
 
     #[test]

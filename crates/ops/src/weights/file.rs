@@ -188,7 +188,11 @@ pub(super) fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), WeightsE
         file.sync_all()?;
         fs::rename(&scratch, path)
     };
-    write().map_err(|source| WeightsError::Write { path: path.into(), source })
+    write().map_err(|source| {
+        // On a full disk the half file is what must go first.
+        let _ = fs::remove_file(&scratch);
+        WeightsError::Write { path: path.into(), source }
+    })
 }
 
 pub(super) fn sha256(bytes: &[u8]) -> String {

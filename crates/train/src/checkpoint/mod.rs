@@ -14,10 +14,19 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, HashMap};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Changes with the layout of the file.
 const FORMAT: &str = "deep-reflectance-checkpoint-1";
+
+/// A measurement on held-out materials.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Measured {
+    /// Optimiser steps done by then.
+    pub step: u64,
+    /// The stage's most telling figure, the smaller the better.
+    pub figure: f64,
+}
 
 /// Where a stage stands. Random streams are functions of seed, stage and step, so these numbers are all there is.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -34,6 +43,9 @@ pub struct State {
     pub skipped: Vec<u64>,
     /// The latest measurements on held-out materials.
     pub measured: Vec<(String, f64)>,
+    /// The best measurements whose checkpoints are kept, best first.
+    #[serde(default)]
+    pub best: Vec<Measured>,
     /// Training time of the whole run so far, in seconds.
     pub seconds: f64,
     /// Digest of the part of the config that decides the results.
@@ -74,6 +86,17 @@ pub enum CheckpointError {
         /// What doesn't fit.
         reason: String,
     },
+    /// The file is of another version of the program.
+    #[error(
+        "the checkpoint {} is of another version of this program: its format is `{found}`, expected `{FORMAT}`: continue with the version that wrote it (run.json names its revision), or start a new run",
+        path.display()
+    )]
+    Version {
+        /// The file.
+        path: PathBuf,
+        /// The format that it names.
+        found: String,
+    },
     /// The file is whole but belongs to something else.
     #[error("the checkpoint {} does not belong to this run: {reason}", path.display())]
     Foreign {
@@ -82,25 +105,39 @@ pub enum CheckpointError {
         /// What doesn't fit.
         reason: String,
     },
-    /// The newest checkpoint is unusable; an older one may do.
-    #[error("{refused}{}", offer(.previous))]
+    /// The checkpoint to go on from is unusable; another one may do.
+    #[error("{refused}{}", offer(.run, .usable))]
     Refused {
-        /// Why the newest one is refused.
+        /// Why it is refused.
         refused: Box<CheckpointError>,
-        /// The newest usable one before it, with its step.
-        previous: Option<(PathBuf, u64)>,
+        /// The run folder.
+        run: PathBuf,
+        /// The newest usable one of the stage, with its step.
+        usable: Option<(PathBuf, u64)>,
     },
 }
 
-fn offer(previous: &Option<(PathBuf, u64)>) -> String {
-    match previous {
+fn offer(run: &Path, usable: &Option<(PathBuf, u64)>) -> String {
+    match usable {
         Some((path, step)) => {
-            format!(
-                "\n  = the one before it is whole (step {step}): add `--checkpoint {}` to continue from there",
-                path.display()
-            )
+            let (run, path) = (run.display(), path.display());
+            format!("\n  = another is whole (step {step}): continue from there with `--resume {run} --checkpoint {path}`")
         }
-        None => "\n  = there is no earlier usable checkpoint of this stage: move the file away to start the stage anew".into(),
+        None => "\n  = there is no other usable checkpoint of this stage: move the file away to start the stage anew".into(),
+    }
+}
+
+/// Bytes that are no checkpoint of this version.
+pub(crate) enum Unreadable {
+    /// Another version of the program wrote them; the format that they name.
+    Version(String),
+    /// They aren't whole; what doesn't fit.
+    Damaged(String),
+}
+
+impl<E: std::fmt::Display> From<E> for Unreadable {
+    fn from(reason: E) -> Self {
+        Self::Damaged(reason.to_string())
     }
 }
 
@@ -131,23 +168,22 @@ impl Checkpoint {
         safetensors::serialize(views, Some(metadata))
     }
 
-    /// Reads a file's bytes back onto a device; the error is the reason alone.
-    ///
-    /// # Errors
-    /// Bytes that are no whole checkpoint.
-    pub fn from_bytes(bytes: &[u8], device: &Device) -> Result<Self, String> {
-        let (_, header) = SafeTensors::read_metadata(bytes).map_err(|error| error.to_string())?;
+    /// Reads a file's bytes back onto a device.
+    pub(crate) fn from_bytes(bytes: &[u8], device: &Device) -> Result<Self, Unreadable> {
+        let (_, header) = SafeTensors::read_metadata(bytes)?;
         let metadata = header.metadata().clone().unwrap_or_default();
         let field = |name: &str| metadata.get(name).cloned().ok_or_else(|| format!("its header has no `{name}`"));
         let format = field("format")?;
         if format != FORMAT {
-            return Err(format!("its format is `{format}`, expected `{FORMAT}`"));
+            return Err(Unreadable::Version(format));
         }
         let state_text = field("state")?;
-        let tensors = SafeTensors::deserialize(bytes).map_err(|error| error.to_string())?;
+        let tensors = SafeTensors::deserialize(bytes)?;
         let views: BTreeMap<String, TensorView<'_>> = tensors.tensors().into_iter().collect();
         if digest(&state_text, views.iter().map(|(name, view)| (name.as_str(), view.data()))) != field("sha256")? {
-            return Err("its values don't add up to the stored SHA-256".into());
+            return Err(
+                "its values don't add up to the stored SHA-256: it was damaged, or put together from several files".into()
+            );
         }
         let state = serde_json::from_str(&state_text).map_err(|error| format!("its state can't be read: {error}"))?;
         let mut checkpoint = Self { state, ..Self::default() };
@@ -158,7 +194,7 @@ impl Checkpoint {
                 "average" => &mut checkpoint.average,
                 "first" => &mut checkpoint.first,
                 "second" => &mut checkpoint.second,
-                _ => return Err(format!("it holds an unknown tensor `{name}`")),
+                _ => return Err(format!("it holds an unknown tensor `{name}`").into()),
             };
             let values = view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
             group.insert(parameter.to_string(), from_vec(values, device));

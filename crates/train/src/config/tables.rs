@@ -356,12 +356,15 @@ impl Default for Report {
 pub struct Checkpointing {
     /// Steps between two checkpoints: what a `kill -9` can cost.
     pub every_steps: usize,
-    /// Checkpoints that stay, the newest first.
+    /// Checkpoints of each stage that stay, the newest.
     pub keep_last: usize,
+    /// Checkpoints of each stage that stay besides: those that measured best on held-out materials (by `epe_ratio` or
+    /// `maps_l1_ratio`). Every measurement that is among the best so far then writes one.
+    pub keep_best: usize,
 }
 
 impl Default for Checkpointing {
     fn default() -> Self {
-        Self { every_steps: 100, keep_last: 2 }
+        Self { every_steps: 100, keep_last: 2, keep_best: 0 }
     }
 }

@@ -7,6 +7,6 @@ mod schedule;
 
 pub use adam::AdamOptimiser;
 pub use average::Average;
-pub use parameters::{Gradients, NamedTensors, ParameterError, assign, gradients, values};
+pub use parameters::{Gradients, NamedTensors, ParameterError, assign, first_non_finite, gradients, values};
 pub(crate) use parameters::{from_vec, to_vec};
 pub use schedule::rate;

@@ -212,6 +212,11 @@ fn flat<const D: usize>(tensor: Tensor<D>) -> Tensor<1> {
     tensor.reshape([count])
 }
 
+/// The first parameter, in the order of names, that holds a value that isn't finite, with that value.
+pub fn first_non_finite(tensors: &NamedTensors) -> Option<(String, f32)> {
+    tensors.iter().find_map(|(name, tensor)| Some((name.clone(), to_vec(tensor).into_iter().find(|value| !value.is_finite())?)))
+}
+
 /// A tensor's values on the CPU.
 pub(crate) fn to_vec(tensor: &Tensor<1>) -> Vec<f32> {
     tensor.to_data().convert::<f32>().iter::<f32>().collect()

@@ -46,22 +46,25 @@ impl Recorder for Metrics {
     /// A half-written last line, as a kill leaves it, goes too.
     fn rewind(&mut self, stage: &str, step: u64) -> io::Result<()> {
         self.file.flush()?;
-        let mut kept = Vec::new();
-        for line in BufReader::new(File::open(&self.path)?).lines() {
-            let line = line?;
-            let Ok(row) = serde_json::from_str::<Value>(&line) else { continue };
-            if row["stage"] != stage || row["step"].as_u64().is_some_and(|at| at <= step) {
-                kept.extend_from_slice(line.as_bytes());
-                kept.push(b'\n');
+        let before = BufReader::new(File::open(&self.path)?);
+        crate::atomic::write_with(&self.path, |kept| {
+            for line in before.lines() {
+                let line = line?;
+                let Ok(row) = serde_json::from_str::<Value>(&line) else { continue };
+                if row["stage"] != stage || row["step"].as_u64().is_some_and(|at| at <= step) {
+                    writeln!(kept, "{line}")?;
+                }
             }
-        }
-        crate::atomic::write(&self.path, &kept)?;
+            Ok(())
+        })?;
         self.file = append(&self.path)?;
         Ok(())
     }
 
+    /// To the disk itself: a checkpoint must not outlive the numbers before it.
     fn flush(&mut self) -> io::Result<()> {
-        self.file.flush()
+        self.file.flush()?;
+        self.file.get_ref().sync_data()
     }
 }
 

@@ -1,9 +1,11 @@
 //! Where the numbers and pictures of a run go.
 
+mod event_file;
 mod metrics;
 mod previews;
 mod tensorboard;
 
+pub use event_file::read_scalars;
 pub use metrics::{Metrics, read_steps};
 pub use previews::Previews;
 pub use tensorboard::TensorBoard;

@@ -1,34 +1,49 @@
-//! TensorBoard event files through tensorboard-rs: the only file that knows that crate.
+//! TensorBoard: curves and pictures.
 //!
-//! The crate is unmaintained and panics where writing fails. Curves are a convenience, so a failure ends this recorder
-//! with one warning and the run goes on.
+//! They are a convenience, so a failure to write them ends this recorder with one warning and the run goes on.
 
+use super::event_file::{self, EventFile};
 use super::{Kind, Recorder, Row};
 use image::RgbImage;
+use protobuf::Message;
 use std::io;
-use std::mem::ManuallyDrop;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
-use tensorboard_rs::summary_writer::SummaryWriter;
+use std::path::{Path, PathBuf};
+use tensorboard_rs::summary;
 
 /// Writes scalars and images as TensorBoard events.
 pub struct TensorBoard {
-    /// Dropped by hand: the writer's own drop panics once its thread is gone.
-    writer: Option<ManuallyDrop<SummaryWriter>>,
+    folder: PathBuf,
+    /// Begun with the first event.
+    file: Option<EventFile>,
+    failed: bool,
 }
 
 impl TensorBoard {
-    /// Starts an event file in a folder; without one (no permission, full disk) the recorder stays silent.
+    /// A recorder that begins an event file of its own in the folder once there is something to write.
     pub fn new(folder: &Path) -> Self {
-        let writer = catch_unwind(|| SummaryWriter::new(folder)).ok();
-        Self { writer: writer.map(ManuallyDrop::new) }
+        Self { folder: folder.into(), file: None, failed: false }
     }
 
-    fn attempt(&mut self, write: impl FnOnce(&mut SummaryWriter)) {
-        let Some(mut writer) = self.writer.take() else { return };
-        match catch_unwind(AssertUnwindSafe(|| write(&mut writer))) {
-            Ok(()) => self.writer = Some(writer),
-            Err(_) => eprintln!("warning: TensorBoard events can't be written any more; metrics.jsonl has all numbers"),
+    fn add(&mut self, summary: &impl Message, step: u64) {
+        self.attempt(|board| {
+            let file = match board.file.take() {
+                Some(file) => file,
+                None => EventFile::create(&board.folder)?,
+            };
+            board.file.insert(file).add(summary, step)
+        });
+    }
+
+    fn attempt(&mut self, write: impl FnOnce(&mut Self) -> io::Result<()>) {
+        if self.failed {
+            return;
+        }
+        if let Err(error) = write(self) {
+            let folder = self.folder.display();
+            eprintln!(
+                "warning: TensorBoard events can't be written into {folder} any more ({error}); metrics.jsonl has all numbers"
+            );
+            self.failed = true;
         }
     }
 }
@@ -43,11 +58,9 @@ fn tag(stage: &str, kind: Kind, name: &str) -> String {
 
 impl Recorder for TensorBoard {
     fn row(&mut self, row: &Row<'_>) -> io::Result<()> {
-        self.attempt(|writer| {
-            for (name, value) in row.values {
-                writer.add_scalar(&tag(row.stage, row.kind, name), *value as f32, row.step as usize);
-            }
-        });
+        for (name, value) in row.values {
+            self.add(&summary::scalar(&tag(row.stage, row.kind, name), *value as f32), row.step);
+        }
         Ok(())
     }
 
@@ -55,26 +68,26 @@ impl Recorder for TensorBoard {
         // Row-major interleaved RGB under dims [3, WIDTH, HEIGHT]: the order in which the crate really reads them. (It writes the
         // summary's width and height fields exchanged; readers go by the PNG, as TensorBoard's EventAccumulator showed.)
         let dims = [3, image.width() as usize, image.height() as usize];
-        self.attempt(|writer| writer.add_image(&format!("{stage}/{name}"), image.as_raw(), &dims, step as usize));
+        self.add(&summary::image(&format!("{stage}/{name}"), image.as_raw(), &dims), step);
         Ok(())
     }
 
-    fn rewind(&mut self, _stage: &str, _step: u64) -> io::Result<()> {
-        // Event files only grow; TensorBoard shows the newer value of a step.
+    /// TensorBoard shows every value of a step that it finds, so those that will be repeated go.
+    fn rewind(&mut self, stage: &str, step: u64) -> io::Result<()> {
+        self.flush()?;
+        self.attempt(|board| {
+            if event_file::rewind(&board.folder, stage, step)? {
+                // The open file may be one of those that were replaced.
+                board.file = None;
+            }
+            Ok(())
+        });
         Ok(())
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.attempt(SummaryWriter::flush);
+        self.attempt(|board| board.file.as_mut().map_or(Ok(()), EventFile::flush));
         Ok(())
-    }
-}
-
-impl Drop for TensorBoard {
-    fn drop(&mut self) {
-        if let Some(writer) = self.writer.take() {
-            let _ = catch_unwind(AssertUnwindSafe(|| drop(ManuallyDrop::into_inner(writer))));
-        }
     }
 }
 

@@ -4,6 +4,7 @@ mod stage_run;
 
 use crate::checkpoint::{Checkpoint, CheckpointError, Store};
 use crate::config::OnNan;
+use crate::guard::Dump;
 use crate::optimiser::ParameterError;
 use crate::recorder::Recorder;
 use crate::stage::{Stage, StageError};
@@ -11,7 +12,7 @@ use burn::tensor::Device;
 use dataset::producer::ProducerError;
 use stage_run::StageRun;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// A stage that could not be finished.
 #[derive(Debug, thiserror::Error)]
@@ -28,22 +29,24 @@ pub enum TrainError {
     },
     /// A loss or gradient that isn't a number.
     #[error(
-        "{stage}, step {step}: the term `{term}` is {value}. The batch (number {batch}) is in {}. Try a lower learning rate or `clip`, or set `run.on_nan = \"restore\"` to go back and skip it",
-        dump.display()
+        "{stage}, step {step}: the term `{term}` is {value}. The batch (number {batch}) is in {}, with pictures and ranges beside it (.png, .json). {}.{}",
+        dump.path.display(), dump.verdict(), restored(*.restores)
     )]
     NonFinite {
         /// Stage of the run.
         stage: &'static str,
         /// Optimiser step.
         step: u64,
-        /// Loss term or `gradient_norm`.
+        /// Loss term, gradient or weight.
         term: String,
         /// NaN or an infinity.
         value: f64,
         /// Number of the batch.
         batch: u64,
         /// The dumped batch.
-        dump: PathBuf,
+        dump: Box<Dump>,
+        /// How often the stage has gone back already.
+        restores: usize,
     },
     /// A data worker.
     #[error(transparent)]
@@ -62,6 +65,13 @@ pub enum TrainError {
     /// Metrics, pictures or dumps that can't be written.
     #[error("cannot write into the run folder: {0}")]
     Io(#[from] io::Error),
+}
+
+fn restored(times: usize) -> String {
+    match times {
+        0 => " Or set `run.on_nan = \"restore\"` to go back and leave such batches out".into(),
+        times => format!(" The stage has gone back {times} times already, which doesn't help"),
+    }
 }
 
 /// What surrounds a stage.
@@ -132,8 +142,13 @@ pub fn train<S: Stage>(
                 continue;
             }
         }
-        let stopping = (run.around.stop)(run.steps_done()) && run.steps_done() < steps;
-        if stopping || run.steps_done().is_multiple_of(run.around.checkpoint_every) || run.steps_done() == steps {
+        let done = run.steps_done();
+        let stopping = (run.around.stop)(done) && done < steps;
+        if stopping || run.is_among_best() || done.is_multiple_of(run.around.checkpoint_every) || done == steps {
+            if let Err(bad) = run.check_weights()? {
+                run.recover(bad)?;
+                continue;
+            }
             run.save()?;
         }
         if stopping {

@@ -1,9 +1,9 @@
 //! One stage while it trains: net, optimiser, data and what they report.
 
 use super::{Outcome, Surroundings, TrainError, Trained};
-use crate::checkpoint::{Checkpoint, State};
+use crate::checkpoint::{Checkpoint, Measured, State};
 use crate::config::OnNan;
-use crate::guard::{self, NonFinite};
+use crate::guard::{self, Dump, NonFinite};
 use crate::optimiser::{AdamOptimiser, Average, Gradients, NamedTensors, assign, gradients, rate, values};
 use crate::progress::{Progress, Status};
 use crate::recorder::{Kind, Row};
@@ -13,7 +13,6 @@ use burn::tensor::Tensor;
 use dataset::producer::{Producer, ProducerError};
 use dataset::stream::Stream;
 use rand_chacha::rand_core::Rng;
-use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// A run gives up after going back this often in one stage: then the weights, not one exemplar, are at fault.
@@ -28,11 +27,11 @@ pub(super) struct StepRow {
     waiting: f64,
 }
 
-/// A step whose losses were not finite: what, on which batch, and where the batch was dumped.
+/// A step whose numbers were not finite: what, on which batch, and where the batch was dumped.
 pub(super) struct BadStep {
     found: NonFinite,
     batch: u64,
-    dump: PathBuf,
+    dump: Dump,
 }
 
 pub(super) struct StageRun<'s, 'b, S: Stage> {
@@ -44,6 +43,8 @@ pub(super) struct StageRun<'s, 'b, S: Stage> {
     producer: Producer<Result<S::Item, String>>,
     streams: Stream,
     state: State,
+    /// The batch of the latest step, to blame for weights that went bad.
+    latest: Option<(u64, S::Item)>,
     progress: Progress,
     /// Time in the steps of this process, and how much of it went by waiting for data.
     stepping: Duration,
@@ -90,6 +91,7 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
             producer,
             streams,
             state,
+            latest: None,
             progress,
             stepping: Duration::ZERO,
             waiting: Duration::ZERO,
@@ -128,25 +130,24 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         let plan = self.stage.plan().clone();
         let mut sum = Gradients::default();
         let mut row: Vec<(String, f64)> = Vec::new();
-        let mut last = None;
+        let mut norm = 0.0;
         for _ in 0..plan.accumulate {
             let (batch, item) = self.take()?;
             let (losses, gradients) = self.backward(batch, &item)?;
-            if let Err(found) = guard::check(&losses) {
+            norm = gradients.norm();
+            // Batch by batch, so that the one at fault is known.
+            if let Err(found) = guard::check_losses(&losses).and_then(|()| guard::check_gradients(norm, &gradients)) {
                 return self.bad(found, batch, &item).map(Err);
             }
             sum.add(gradients);
             add(&mut row, losses, plan.accumulate);
-            last = Some((batch, item));
+            self.latest = Some((batch, item));
         }
         if plan.accumulate > 1 {
             sum.scale(1.0 / plan.accumulate as f64);
+            norm = sum.norm();
         }
-        let norm = sum.norm();
         row.push(("gradient_norm".into(), f64::from(norm)));
-        if let (Err(found), Some((batch, item))) = (guard::check(&row), last) {
-            return self.bad(found, batch, &item).map(Err);
-        }
         let learning_rate = rate(&plan, self.state.step as usize, self.stage.steps());
         sum.clip(norm, plan.clip);
         self.update(sum, learning_rate)?;
@@ -169,7 +170,7 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         let moment = Moment { step: self.state.step, done, rng: self.streams.rng("losses", batch) };
         let losses = self.stage.losses(&self.net, item, moment, &device.autodiff()).map_err(|source| self.failure(source))?;
         let number = |tensor: &Tensor<1>| f64::from(tensor.clone().into_scalar::<f32>());
-        let mut row = vec![("loss".to_string(), number(&losses.total))];
+        let mut row = vec![(guard::TOTAL.to_string(), number(&losses.total))];
         row.extend(losses.terms.iter().map(|(name, term)| (name.clone(), number(term))));
         let gradients = gradients(&self.net, losses.total.backward());
         Ok((row, gradients))
@@ -191,8 +192,17 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
     }
 
     fn bad(&self, found: NonFinite, batch: u64, item: &S::Item) -> Result<BadStep, TrainError> {
-        let dump = guard::dump(self.around.failures, self.stage.name(), self.state.step, &self.stage.arrays(item))?;
+        let arrays = self.stage.arrays(item);
+        let dump = guard::dump(self.around.failures, self.stage.name(), self.state.step, batch, &found, &arrays)?;
         Ok(BadStep { found, batch, dump })
+    }
+
+    /// Looks at the weights before they become a checkpoint: from bad ones no run could go on.
+    pub(super) fn check_weights(&self) -> Result<Result<(), BadStep>, TrainError> {
+        match (guard::check_weights(&values(&self.net)), &self.latest) {
+            (Err(found), Some((batch, item))) => self.bad(found, *batch, item).map(Err),
+            _ => Ok(Ok(())),
+        }
     }
 
     /// Ends the run, or goes back to the last checkpoint without the batch.
@@ -201,7 +211,8 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         let BadStep { found: NonFinite { term, value }, batch, dump } = bad;
         let mut skipped = self.state.skipped.clone();
         if self.around.on_nan == OnNan::Stop || skipped.len() >= MOST_RESTORES {
-            return Err(TrainError::NonFinite { stage: name, step: self.state.step, term, value, batch, dump });
+            let (step, restores, dump) = (self.state.step, skipped.len(), Box::new(dump));
+            return Err(TrainError::NonFinite { stage: name, step, term, value, batch, dump, restores });
         }
         skipped.push(batch);
         let from = self.around.store.newest(name, &self.around.device)?;
@@ -209,7 +220,7 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
             "{name}, step {}: the term `{term}` is {value}; going back to step {} and skipping batch {batch} ({})",
             self.state.step,
             from.as_ref().map_or(0, |checkpoint| checkpoint.state.step),
-            dump.display()
+            dump.path.display()
         ));
         self.restore(from, skipped)
     }
@@ -269,8 +280,18 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         let row = Row { stage: self.stage.name(), step: self.state.step, kind: Kind::Validate, values: &measured };
         self.around.recorder.row(&row)?;
         self.around.recorder.flush()?;
+        if let Some((_, figure)) = measured.first().filter(|(_, figure)| figure.is_finite()) {
+            self.state.best.push(Measured { step: self.state.step, figure: *figure });
+            self.state.best.sort_by(|a, b| a.figure.total_cmp(&b.figure));
+        }
+        self.state.best.truncate(self.around.store.keep_best);
         self.state.measured = measured;
         Ok(())
+    }
+
+    /// Whether the weights of this step belong to the best that were measured, so that their checkpoint is kept.
+    pub(super) fn is_among_best(&self) -> bool {
+        self.state.best.iter().any(|measured| measured.step == self.state.step)
     }
 
     pub(super) fn save(&mut self) -> Result<(), TrainError> {

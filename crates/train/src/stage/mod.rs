@@ -82,7 +82,7 @@ pub trait Stage {
     /// # Errors
     /// A batch the net can't take.
     fn losses(&self, net: &Self::Net, item: &Self::Item, moment: Moment, device: &Device) -> Result<Losses, StageError>;
-    /// Measurements on held-out materials, the most telling first.
+    /// Measurements on held-out materials, the most telling first: the smaller that one, the better the net.
     ///
     /// # Errors
     /// Data that can't be made.

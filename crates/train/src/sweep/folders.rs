@@ -4,9 +4,9 @@
 use super::plan::Run;
 use crate::cli::{Failure, check_start, describe_run};
 use crate::config::Config;
-use crate::pipeline::{self, RunError};
-use crate::run_folder::{FolderError, RunFolder};
-use std::path::{Path, PathBuf};
+use crate::pipeline;
+use crate::run_folder::RunFolder;
+use std::path::Path;
 
 /// How far a run is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,28 +55,7 @@ pub fn state(path: &Path, run: &Run) -> Result<State, Failure> {
 pub fn prepare(path: &Path, run: &Run, device: &str, force: bool) -> Result<(), Failure> {
     check_start(&run.config)?;
     let materials = pipeline::open_library(&run.config).map_err(|error| Failure::Usage(error.to_string()))?;
-    if force && path.exists() {
-        let folder = RunFolder::create(path, true)?;
-        return describe_run(&folder, &run.config, device, &materials);
-    }
-    let scratch = beside(path);
-    let io = |path: &Path| {
-        let path = path.to_path_buf();
-        move |source| Failure::Run(RunError::Folder(FolderError::Io { path, source }))
-    };
-    if scratch.exists() {
-        // Left by a sweep that was killed at this very place.
-        std::fs::remove_dir_all(&scratch).map_err(io(&scratch))?;
-    }
-    let folder = RunFolder::create(&scratch, false)?;
-    describe_run(&folder, &run.config, device, &materials)?;
-    drop(folder);
-    std::fs::rename(&scratch, path).map_err(io(path))
-}
-
-fn beside(path: &Path) -> PathBuf {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    path.with_file_name(format!(".preparing-{name}"))
+    RunFolder::create(path, force, |folder| describe_run(folder, &run.config, device, &materials)).map(drop)
 }
 
 /// The first keys whose values differ, "there" first.

@@ -19,13 +19,14 @@ pub struct Local<'a> {
     pub out: &'a Path,
     /// Runs at a time.
     pub jobs: usize,
-    /// Where the nets run.
-    pub device: &'a str,
+    /// Where the nets run; the runs take turns.
+    pub devices: &'a [String],
 }
 
 /// A running process.
 struct Working {
     run: usize,
+    device: usize,
     child: Child,
     log: PathBuf,
     began: Instant,
@@ -54,7 +55,9 @@ impl Local<'_> {
                 } else if run.takes.iter().all(|owner| states[*owner] == State::Finished) {
                     started[index] = true;
                     eprintln!("start {} ({}/{total})", run.name, started.iter().filter(|started| **started).count());
-                    working.push(self.start(index, run, runs)?);
+                    let busy: Vec<usize> = working.iter().map(|process| process.device).collect();
+                    let device = freest(self.devices.len(), &busy);
+                    working.push(self.start(index, device, runs)?);
                 }
             }
             if working.is_empty() {
@@ -77,12 +80,13 @@ impl Local<'_> {
         Ok(if interrupt::requested() { None } else { Some(failures) })
     }
 
-    fn start(&self, index: usize, run: &Run, runs: &[Run]) -> io::Result<Working> {
+    fn start(&self, index: usize, device: usize, runs: &[Run]) -> io::Result<Working> {
+        let run = &runs[index];
         let logs = self.out.join("logs");
         std::fs::create_dir_all(&logs)?;
         let log = logs.join(format!("{}.log", run.name));
         let file = File::options().create(true).append(true).open(&log)?;
-        let (program, arguments) = command(self.out, run, runs, self.device)?;
+        let (program, arguments) = command(self.out, run, runs, &self.devices[device])?;
         let mut command = Command::new(program);
         command.args(arguments).stdin(Stdio::null()).stdout(file.try_clone()?).stderr(file);
         if self.jobs > 1 && std::env::var_os("RAYON_NUM_THREADS").is_none() {
@@ -92,7 +96,7 @@ impl Local<'_> {
         // A group of its own: Ctrl-C at the terminal reaches only the sweep, which then asks each run once.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
-        Ok(Working { run: index, child: command.spawn()?, log, began: Instant::now(), told: false })
+        Ok(Working { run: index, device, child: command.spawn()?, log, began: Instant::now(), told: false })
     }
 
     fn ended(&self, process: &Working, status: ExitStatus, run: &Run, state: &mut State, failures: &mut Failures) {
@@ -147,7 +151,7 @@ fn ask_to_stop(child: &mut Child) {
     let _ = child.kill();
 }
 
-/// The last line of a log that says something, from its last few kilobytes.
+/// The last line of a log that says something, from its last few kilobytes; what is indented only adds to the line before it.
 fn last_line(log: &Path) -> Option<String> {
     const TAIL: i64 = 4096;
     let mut file = File::open(log).ok()?;
@@ -156,5 +160,22 @@ fn last_line(log: &Path) -> Option<String> {
     let mut bytes = Vec::new();
     file.read_to_end(&mut bytes).ok()?;
     let text = String::from_utf8_lossy(&bytes);
-    text.lines().rev().find(|line| !line.trim().is_empty()).map(str::to_string)
+    text.lines().rev().find(|line| !line.is_empty() && !line.starts_with(' ')).map(str::to_string)
+}
+
+/// The device with the fewest runs, of so many; `busy` has one device per run.
+fn freest(devices: usize, busy: &[usize]) -> usize {
+    let runs = |device: &usize| busy.iter().filter(|other| *other == device).count();
+    (0..devices).min_by_key(runs).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::freest;
+
+    #[test]
+    fn the_next_run_takes_the_device_with_the_fewest() {
+        let busy: [&[usize]; 4] = [&[], &[0], &[1], &[1, 0, 0]];
+        assert_eq!(busy.map(|busy| freest(2, busy)), [0, 1, 0, 1]);
+    }
 }

@@ -14,8 +14,9 @@ pub use file::{Member, Sweep};
 pub use plan::{Run, levels, plan};
 
 use crate::cli::Failure;
+use crate::device::{self, DeviceError};
+use crate::interrupt;
 use crate::pipeline::RunError;
-use crate::{device, interrupt};
 use clap::{Args, ValueEnum};
 use engine::Tasks;
 use folders::State;
@@ -65,7 +66,8 @@ pub struct SweepArguments {
     /// Cores of one task of an engine [default: this machine's].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     cores: Option<u16>,
-    /// Where the nets run: cpu, or vulkan, wgpu, cuda when built with that feature.
+    /// Where the nets run: cpu, or vulkan, wgpu, cuda when built with that feature. With several, cuda:0,cuda:1, each run on
+    /// this machine takes the next free one; --jobs says how many run at a time.
     #[arg(long, default_value = "cpu")]
     device: String,
     /// Make runs anew whose folder holds a run with another config.
@@ -82,10 +84,7 @@ pub(crate) fn run(arguments: &SweepArguments) -> Result<ExitCode, Failure> {
     let sweep = Sweep::load(&arguments.file, &arguments.assignments)?;
     let runs = plan(&sweep.members);
     let out = arguments.out.clone().unwrap_or_else(|| Path::new("runs").join(&sweep.name));
-    // The machines of an engine may have what this one lacks; a name that nothing has is wrong everywhere.
-    if arguments.engine == Engine::Local || !device::NAMES.contains(&arguments.device.as_str()) {
-        device::open(&arguments.device).map_err(|error| Failure::Usage(error.to_string()))?;
-    }
+    let devices = devices(arguments).map_err(|error| Failure::Usage(error.to_string()))?;
     let mut states = Vec::with_capacity(runs.len());
     let mut outdated = Vec::new();
     for run in &runs {
@@ -104,12 +103,12 @@ pub(crate) fn run(arguments: &SweepArguments) -> Result<ExitCode, Failure> {
     if arguments.table {
         return table(&sweep, &runs, &states, &out, &Failures::new());
     }
-    prepare(arguments, &runs, &mut states, &outdated, &out)?;
+    prepare(&devices[0], &runs, &mut states, &outdated, &out)?;
     if arguments.engine != Engine::Local {
         return hand_over(arguments, &sweep.name, &runs, &states, &out);
     }
     interrupt::install().map_err(|error| Failure::Usage(format!("cannot listen for Ctrl-C: {error}")))?;
-    let local = Local { out: &out, jobs: arguments.jobs.into(), device: &arguments.device };
+    let local = Local { out: &out, jobs: arguments.jobs.into(), devices: &devices };
     let Some(failures) = local.run(&runs, &mut states).map_err(RunError::Io)? else {
         let left = states.iter().filter(|state| **state != State::Finished).count();
         eprintln!("stopped with {left} of {} runs left; the same command goes on", runs.len());
@@ -118,17 +117,23 @@ pub(crate) fn run(arguments: &SweepArguments) -> Result<ExitCode, Failure> {
     table(&sweep, &runs, &states, &out, &failures)
 }
 
-fn prepare(
-    arguments: &SweepArguments,
-    runs: &[Run],
-    states: &mut [State],
-    outdated: &[String],
-    out: &Path,
-) -> Result<(), Failure> {
+/// The devices that runs take turns on, each of them tried; one at least.
+fn devices(arguments: &SweepArguments) -> Result<Vec<String>, DeviceError> {
+    let devices = device::list(&arguments.device)?;
+    match arguments.engine {
+        Engine::Local => devices.iter().try_for_each(|name| device::open(name).map(drop))?,
+        // The machines of an engine may have what this one lacks, and each task sees its own devices only.
+        _ if devices.len() > 1 => return Err(DeviceError::Tasks { found: arguments.device.clone() }),
+        _ => {}
+    }
+    Ok(devices)
+}
+
+fn prepare(device: &str, runs: &[Run], states: &mut [State], outdated: &[String], out: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(out).map_err(RunError::Io)?;
     for (run, state) in runs.iter().zip(states) {
         if *state == State::New {
-            folders::prepare(&out.join(&run.name), run, &arguments.device, outdated.contains(&run.name))?;
+            folders::prepare(&out.join(&run.name), run, device, outdated.contains(&run.name))?;
             *state = State::Begun;
         }
     }

@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod exports;
+mod kills;
 mod stop_and_resume;
 mod sweep;
 

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 
 /// The run that was left alone, made once.
-fn undisturbed() -> &'static (Home, Vec<String>) {
+pub fn undisturbed() -> &'static (Home, Vec<String>) {
     static RUN: OnceLock<(Home, Vec<String>)> = OnceLock::new();
     RUN.get_or_init(|| {
         let home = Home::new();
@@ -34,7 +34,7 @@ fn signalled(home: &Home, arguments: &[&str], stage: &str, signal: &str) -> Ende
     Ended { code: child.wait().unwrap().code(), stdout: String::new(), stderr }
 }
 
-fn checkpoints(run: &Path) -> Vec<std::path::PathBuf> {
+pub fn checkpoints(run: &Path) -> Vec<std::path::PathBuf> {
     let mut files: Vec<_> = std::fs::read_dir(run.join("checkpoints")).unwrap().map(|entry| entry.unwrap().path()).collect();
     files.sort();
     files
@@ -146,7 +146,7 @@ fn a_resumed_run_keeps_to_its_config() {
     );
 }
 
-fn copy(from: &Path, to: &Path) {
+pub fn copy(from: &Path, to: &Path) {
     std::fs::create_dir_all(to).unwrap();
     for entry in std::fs::read_dir(from).unwrap().flatten() {
         let target = to.join(entry.file_name());

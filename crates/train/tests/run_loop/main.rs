@@ -8,7 +8,7 @@ use toy::{Line, Toy};
 use train::checkpoint::Store;
 use train::config::OnNan;
 use train::recorder::{Kind, Metrics, Previews, Recorder, read_steps};
-use train::run_folder::RunFolder;
+use train::run_folder::{FolderError, RunFolder};
 use train::run_loop::{Outcome, Surroundings, TrainError, Trained, train};
 
 /// burn's CPU generator is one per process: two trainings at once would draw from each other's.
@@ -19,20 +19,23 @@ struct Options {
     on_nan: OnNan,
     every: u64,
     stop_at: Option<u64>,
+    keep_best: usize,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { workers: 1, on_nan: OnNan::Stop, every: 10, stop_at: None }
+        Self { workers: 1, on_nan: OnNan::Stop, every: 10, stop_at: None, keep_best: 0 }
     }
 }
 
 fn run(folder: &Path, stage: &Toy, options: &Options) -> Result<Outcome<Line>, TrainError> {
     let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(|poison| poison.into_inner());
-    let folder = if folder.exists() { RunFolder::open(folder) } else { RunFolder::create(folder, false) }.unwrap();
-    folder.write("run.json", "{}").unwrap();
-    folder.write("config.toml", "").unwrap();
-    let store = Store { folder: folder.checkpoints(), keep_last: 2, fingerprint: "toy".into() };
+    let describe = |folder: &RunFolder| -> Result<(), FolderError> {
+        folder.write("run.json", "{}")?;
+        folder.write("config.toml", "")
+    };
+    let folder = if folder.exists() { RunFolder::open(folder) } else { RunFolder::create(folder, false, describe) }.unwrap();
+    let store = Store { folder: folder.checkpoints(), keep_last: 2, keep_best: options.keep_best, fingerprint: "toy".into() };
     let mut recorders: Vec<Box<dyn Recorder>> =
         vec![Box::new(Metrics::open(&folder.metrics()).unwrap()), Box::new(Previews { folder: folder.previews() })];
     let device = burn::tensor::Device::flex();
@@ -138,8 +141,9 @@ fn a_loss_that_is_not_a_number_stops_with_step_term_and_dump() {
     stage.poisoned = vec![12];
     let Err(error) = run(&folder, &stage, &Options::default()) else { panic!("it went on") };
     let TrainError::NonFinite { step, term, batch, dump, .. } = &error else { panic!("{error}") };
-    assert_eq!((*step, term.as_str(), *batch), (12, "loss", 12));
-    let dumped = std::fs::read(dump).unwrap();
+    assert_eq!((*step, term.as_str(), *batch), (12, "distance", 12));
+    assert_eq!(dump.bad, Some(("y".into(), 6)));
+    let dumped = std::fs::read(&dump.path).unwrap();
     assert_eq!(safetensors::SafeTensors::deserialize(&dumped).unwrap().tensor("x").unwrap().shape(), [6]);
     assert!(error.to_string().contains("on_nan"), "{error}");
 }
@@ -155,6 +159,57 @@ fn restore_goes_back_skips_the_batch_and_counts_it() {
         let steps: Vec<u64> = curve(&folder).iter().map(|row| row.0).collect();
         assert_eq!(steps, (1..=20).collect::<Vec<_>>());
     }
+}
+
+#[test]
+fn a_gradient_that_is_not_a_number_is_traced_to_its_batch_and_parameter() {
+    for accumulate in [1, 3] {
+        let (_home, folder) = new_run("run");
+        let mut stage = Toy::new(20);
+        stage.plan.accumulate = accumulate;
+        stage.steep = vec![12];
+        let Err(error) = run(&folder, &stage, &Options::default()) else { panic!("it went on") };
+        let TrainError::NonFinite { step, term, batch, dump, .. } = &error else { panic!("{error}") };
+        assert_eq!((*step, *batch), (12 / accumulate as u64, 12));
+        assert!(term.starts_with("gradient of layers.0."), "{term}");
+        assert_eq!(dump.bad, None);
+        // The run that skips it goes back no further than it must, and blames no other batch of the step.
+        let restored = finished(run(&folder, &stage, &Options { on_nan: OnNan::Restore, ..Options::default() }));
+        assert_eq!(restored.skipped, [12]);
+    }
+}
+
+#[test]
+fn weights_that_are_not_numbers_never_become_a_checkpoint() {
+    let (_home, folder) = new_run("run");
+    let mut stage = Toy::new(20);
+    stage.plan.adam.epsilon = 1e-320;
+    stage.plan.weight_decay = 0.0;
+    stage.plan.clip = 1e-30;
+    let Err(error) = run(&folder, &stage, &Options { every: 1, ..Options::default() }) else { panic!("it went on") };
+    let TrainError::NonFinite { term, .. } = &error else { panic!("{error}") };
+    assert!(term.starts_with("weight layers."), "{term}");
+    assert_eq!(std::fs::read_dir(folder.join("checkpoints")).unwrap().count(), 0);
+}
+
+#[test]
+fn the_best_measured_checkpoints_stay_also_over_a_stop() {
+    let (_home, folder) = new_run("run");
+    let options = |stop_at| Options { every: 7, keep_best: 2, stop_at, ..Options::default() };
+    assert!(matches!(run(&folder, &Toy::new(60), &options(Some(33))).unwrap(), Outcome::Stopped { .. }));
+    finished(run(&folder, &Toy::new(60), &options(None)));
+    let mut measured = read_steps(&folder.join("metrics.jsonl"), Kind::Validate, "slope_error").unwrap();
+    measured.sort_by(|a, b| a.2.total_cmp(&b.2));
+    let mut expected: Vec<u64> = [60, 56].into_iter().chain(measured[..2].iter().map(|(_, step, _)| *step)).collect();
+    expected.sort_unstable();
+    expected.dedup();
+    let name = |step: u64| format!("toy-{step:08}.safetensors");
+    let mut files: Vec<_> = std::fs::read_dir(folder.join("checkpoints"))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    files.sort();
+    assert_eq!(files, expected.into_iter().map(name).collect::<Vec<_>>());
 }
 
 #[test]

@@ -26,6 +26,8 @@ pub struct Toy {
     pub plan: Optimisation,
     /// Batches whose points are not numbers.
     pub poisoned: Vec<u64>,
+    /// Batches whose loss is a number but whose gradient isn't.
+    pub steep: Vec<u64>,
 }
 
 impl Toy {
@@ -42,13 +44,14 @@ impl Toy {
             preview_every: 8,
             validate_every: 5,
         };
-        Self { steps, plan, poisoned: Vec::new() }
+        Self { steps, plan, poisoned: Vec::new(), steep: Vec::new() }
     }
 }
 
 pub struct Points {
     x: Vec<f32>,
     y: Vec<f32>,
+    steep: bool,
 }
 
 impl Stage for Toy {
@@ -80,12 +83,12 @@ impl Stage for Toy {
     }
 
     fn make(&self) -> Make<Points> {
-        let poisoned = self.poisoned.clone();
+        let (poisoned, steep) = (self.poisoned.clone(), self.steep.clone());
         Arc::new(move |index| {
             let mut rng = Stream::new(9).rng("points", index);
             let x: Vec<f32> = (0..6).map(|_| rng.random_range(-1.0..1.0)).collect();
             let y = x.iter().map(|x| if poisoned.contains(&index) { f32::NAN } else { 3.0 * x - 1.0 }).collect();
-            Ok(Points { x, y })
+            Ok(Points { x, y, steep: steep.contains(&index) })
         })
     }
 
@@ -96,7 +99,11 @@ impl Stage for Toy {
             x = x.matmul(layer.slope.val()) + layer.offset.val().unsqueeze();
         }
         let noise = x.random_like(Distribution::Normal(0.0, 0.01)) + moment.rng.random_range(-0.01_f32..0.01);
-        let error = (x + noise - column(&item.y)).abs().mean();
+        let mut error = (x.clone() + noise - column(&item.y)).abs().mean();
+        if item.steep {
+            // The root is 0 and its slope infinite.
+            error = error + x.mul_scalar(0.0).sqrt().mean();
+        }
         Ok(Losses { total: error.clone() * 2.0, terms: vec![("distance".into(), error)] })
     }
 
