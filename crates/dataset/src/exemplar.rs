@@ -5,6 +5,7 @@ use ops::planes::{Mask, Planes};
 use rand::seq::SliceRandom;
 use rand::{Rng, RngExt};
 use render::svbrdf::SvbrdfImage;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::mixing::Mixing;
@@ -38,7 +39,7 @@ pub struct Exemplar {
 }
 
 /// How exemplars are drawn.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ExemplarConfig {
     /// Side of the frames and maps.

@@ -5,6 +5,7 @@ use ops::homography::Homography;
 use ops::planes::{Mask, Planes};
 use rand::seq::SliceRandom;
 use rand::{Rng, RngExt};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::material::texture::Texture;
@@ -41,7 +42,7 @@ pub struct FlowPair {
 }
 
 /// How pairs are made from a video.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PairConfig {
     /// Side of the frames the pair is cut from.

@@ -17,6 +17,7 @@ use render::brdf::BrdfModel;
 use render::svbrdf::SvbrdfImage;
 use render::views::EvaluationViews;
 use scan::nets::{ScanNets, key_frame};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use svbrdf::constants::ConstantMaps;
 use svbrdf::metrics::{MapErrors, RenderErrors};
@@ -27,7 +28,7 @@ use crate::baseline::constant_maps;
 use crate::materials::held_out;
 
 /// Budget and sizes of the protocol.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SyntheticConfig {
     /// Held-out materials with visible texture.

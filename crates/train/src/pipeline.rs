@@ -3,7 +3,7 @@
 use crate::checkpoint::{CheckpointError, Store};
 use crate::config::Config;
 use crate::finished::{Finished, FinishedStage};
-use crate::recorder::{Metrics, Previews, Recorder, TensorBoard};
+use crate::recorder::{Metrics, Previews, Recorder, StatusFile, TensorBoard};
 use crate::report;
 use crate::run_folder::{FolderError, RunFolder};
 use crate::run_loop::{Outcome, Surroundings, TrainError, Trained, train};
@@ -187,6 +187,7 @@ impl Pipeline<'_> {
             Box::new(Metrics::open(&self.folder.metrics())?),
             Box::new(Previews { folder: self.folder.previews() }),
             Box::new(TensorBoard::new(&self.folder.tensorboard())),
+            Box::new(StatusFile::new(self.folder.path())),
         ];
         for name in Part::Flow.trained(self.config) {
             if finished.has(name) {

@@ -5,11 +5,12 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Everything the program itself puts into a run folder; `--force` removes these and nothing else.
-const OWN: [&str; 12] = [
+const OWN: [&str; 14] = [
     "config.toml",
     "run.json",
     "materials.json",
     "progress.json",
+    "status.json",
     "metrics.jsonl",
     "tb",
     "previews",
@@ -17,6 +18,7 @@ const OWN: [&str; 12] = [
     "weights",
     "failures",
     "report.json",
+    "report.html",
     "report",
 ];
 const LOCK: &str = "run.lock";

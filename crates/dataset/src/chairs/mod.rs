@@ -19,6 +19,7 @@ use rayon::prelude::*;
 use render::brdf::BrdfModel;
 use render::light::{Light, radiance};
 use render::sensor::Sensor;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::material::Material;
@@ -30,7 +31,7 @@ use crate::stream::Stream;
 use layer::{Affine, Layer};
 
 /// What pairs to make.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ChairsConfig {
     /// Side of the images.

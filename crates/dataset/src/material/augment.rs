@@ -9,6 +9,7 @@ use std::sync::Arc;
 use rand::{Rng, RngExt};
 use render::block::{LANES, Lane, TexelBlock};
 use render::texel::Texel;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::perlin::PerlinMask;
@@ -22,7 +23,7 @@ const PERLIN_ROUGHNESS: [f32; 2] = [0.1, 0.4];
 const PERLIN_DIFFUSE: [f32; 2] = [0.0, 0.1];
 
 /// How materials are varied. The defaults are the recipe of the SVBRDF net; `perlin = 0` is that of the flow nets.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AugmentConfig {
     /// Probability of each of: horizontal flip, vertical flip, transpose.

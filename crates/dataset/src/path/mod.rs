@@ -10,6 +10,7 @@ pub mod zigzag;
 
 use rand::{Rng, RngExt};
 use render::camera::Camera;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use jitter::{CameraJitter, Deviation};
@@ -25,7 +26,7 @@ const LEAST_HEIGHT: f64 = 0.2;
 const UNITS_PER_HALF_VIEW: f64 = 12.0;
 
 /// The shape of a scan.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Template {
     /// Square spiral (Fig. 4): both flow nets and the SVBRDF net.
@@ -38,7 +39,7 @@ pub enum Template {
 }
 
 /// How long a template unit is in the world.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum UnitLength {
     /// U\[0.8, 1.2\]·ξ/12, as the authors' released code has it: steps are a share of the view.
@@ -49,7 +50,7 @@ pub enum UnitLength {
 }
 
 /// What paths to draw.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PathConfig {
     /// The template of a video that isn't a line.

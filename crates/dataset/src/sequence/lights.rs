@@ -5,6 +5,7 @@ use rand_distr::{Distribution, LogNormal};
 use render::camera::Camera;
 use render::environment::Environment;
 use render::light::Light;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::environment::EnvironmentMaps;
@@ -27,7 +28,7 @@ const SECOND_LEAST_Z: f64 = 0.3;
 const ENVIRONMENT_LIGHTS: usize = 8;
 
 /// How a video is lit.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Lighting {
     /// The SVBRDF net's: only the flash, I = 0.1·(d0/0.28)², so that every height is exposed alike.
@@ -40,7 +41,7 @@ pub enum Lighting {
 }
 
 /// What the lights of a video are drawn from.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LightConfig {
     /// Flash and second light.

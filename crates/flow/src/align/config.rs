@@ -1,9 +1,10 @@
 //! Switches and limits of the alignment.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// What the alignment does; every part of it can be switched off for an ablation.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct AlignConfig {
     /// Every how many frames a key frame is taken (paper §5: 5).
@@ -50,7 +51,7 @@ impl Default for AlignConfig {
 }
 
 /// How a chained warp is made regular (paper §5, "pose estimation").
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Regularise {
     /// A robust homography: exact for a planar sample, needs no field of view.
@@ -60,7 +61,7 @@ pub enum Regularise {
 }
 
 /// The guesses of a step between two frames.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CandidateSwitches {
     /// The homography that fits the `adjacent` net's flow.
@@ -80,7 +81,7 @@ impl Default for CandidateSwitches {
 }
 
 /// The direct photometric refinement ([`super::photometric`]).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PhotometricConfig {
     /// Whether homographies are refined on the pixels at all.

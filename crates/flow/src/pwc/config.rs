@@ -2,6 +2,7 @@
 
 use burn::tensor::Device;
 use rand::Rng;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -17,7 +18,7 @@ use super::{
 const LONGEST_ESTIMATOR: usize = 16;
 
 /// What the pyramid sees.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Input {
     /// Gamma-encoded RGB as it comes.
@@ -28,7 +29,7 @@ pub enum Input {
 }
 
 /// What a convolution of an estimator sees.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Connections {
     /// The output of the convolution before it. The context net sees the last one and the flow.
@@ -50,7 +51,7 @@ impl Connections {
 }
 
 /// How a level's flow and features reach the next finer level.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Upsampling {
     /// By interpolation.
@@ -61,7 +62,7 @@ pub enum Upsampling {
 }
 
 /// What an estimator predicts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Prediction {
     /// What the upsampled flow lacks.
@@ -76,7 +77,7 @@ pub enum Prediction {
 /// # Source
 /// Sun et al. 2018; spec 3.1. Departs: `match_head`, `feature_normalisation` and `input = "local-contrast"` (all off by
 /// default) teach matching within minutes instead of days.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PwcConfig {
     /// Feature channels per pyramid level, finest (half resolution) first.

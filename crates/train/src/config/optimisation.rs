@@ -1,9 +1,10 @@
 //! How the weights of a stage move: schedule, optimiser, intervals, teacher forcing.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// How the learning rate runs over a stage.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Schedule {
     /// A linear ramp over `warm_up` steps, then constant (paper §6).
@@ -14,7 +15,7 @@ pub enum Schedule {
 }
 
 /// Adam's constants.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Adam {
     /// Decay of the first moment.
@@ -32,7 +33,7 @@ impl Default for Adam {
 }
 
 /// How a stage's weights move and how often the run reports.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Optimisation {
     /// Peak learning rate.
@@ -55,6 +56,8 @@ pub struct Optimisation {
     pub preview_every: usize,
     /// Steps between two measurements on held-out materials; 0 measures only at the end.
     pub validate_every: usize,
+    /// Steps between two histograms of the weights and gradients of every layer for TensorBoard; 0 makes none.
+    pub histogram_every: usize,
 }
 
 impl Default for Optimisation {
@@ -70,12 +73,13 @@ impl Default for Optimisation {
             ema: 0.0,
             preview_every: 200,
             validate_every: 200,
+            histogram_every: 200,
         }
     }
 }
 
 /// How a flow net is taught, whatever the pairs.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Teaching {
     /// Probability at the start that a level begins from the true flow instead of the coarser level's.

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::LibraryError;
@@ -10,7 +11,7 @@ use crate::material::procedural::Family;
 use crate::material::stored::{GRID, Wrap};
 
 /// One source of materials; a run may mix several.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "type", rename_all = "lowercase")]
 pub enum SourceConfig {
     /// Generated materials: no file needed.
@@ -24,7 +25,7 @@ pub enum SourceConfig {
 }
 
 /// Generated materials.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ProceduralConfig {
     /// Texels per side of a tile, which covers 0.5 × 0.5 of the material's 2 × 2 whatever its size.
@@ -56,7 +57,7 @@ impl ProceduralConfig {
 }
 
 /// Folders of texture maps.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PbrConfig {
     /// A folder with one folder per material, or one material's folder. Relative to where the program is started.
@@ -73,7 +74,7 @@ pub struct PbrConfig {
 }
 
 /// PNG strips: normal | diffuse | roughness | specular, each H×H ([`crate::material::inria`]).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct InriaConfig {
     /// A folder of strips, a `.txt` list of them, or one strip. Relative to where the program is started.
@@ -92,7 +93,7 @@ pub struct InriaConfig {
 }
 
 /// NumPy arrays of uint8, H×W×12: normal, diffuse, roughness, specular ([`crate::material::npy`]).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NpyConfig {
     /// A folder of arrays, a `.txt` list of them, or one array. Relative to where the program is started.
