@@ -43,8 +43,10 @@ pub struct Exemplar {
 #[serde(deny_unknown_fields, default)]
 pub struct ExemplarConfig {
     /// Side of the frames and maps.
+    #[schemars(extend("unit" = "pixels"))]
     pub resolution: usize,
     /// Range of K, the number of key frames besides the guidance frame (§4: 4 to 16).
+    #[schemars(extend("unit" = "frames"))]
     pub key_frames: [usize; 2],
     /// How many videos are mixed: exemplars of a window of so many videos come in random order.
     pub mixed_videos: u64,

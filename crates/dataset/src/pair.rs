@@ -46,8 +46,10 @@ pub struct FlowPair {
 #[serde(deny_unknown_fields, default)]
 pub struct PairConfig {
     /// Side of the frames the pair is cut from.
+    #[schemars(extend("unit" = "pixels"))]
     pub resolution: usize,
     /// Side of the square that is cut out, so that pairs can be batched; 0 keeps everything that there is.
+    #[schemars(extend("unit" = "pixels"))]
     pub crop: usize,
     /// Flips, transposition, exchange of the two images and of the colour channels, each with probability ½.
     pub augment: bool,

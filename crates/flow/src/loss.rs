@@ -63,7 +63,7 @@ pub enum FlowLossConfigError {
         found: usize,
     },
     /// A weight below zero or no number.
-    #[error("a loss weight is {0}; weights are numbers of 0 or more")]
+    #[error("a loss weight (`level_weights`, `matching_weight`) is {0}; weights are numbers of 0 or more")]
     Weight(f32),
 }
 

@@ -66,8 +66,12 @@ pub fn figure(caption: &str, picture: &RgbImage, widest: u32) -> ImageResult<Str
     });
     let shown = small.as_ref().unwrap_or(picture);
     let mut bytes = Cursor::new(Vec::new());
-    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, QUALITY)
-        .write_image(shown.as_raw(), shown.width(), shown.height(), ExtendedColorType::Rgb8)?;
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, QUALITY).write_image(
+        shown.as_raw(),
+        shown.width(),
+        shown.height(),
+        ExtendedColorType::Rgb8,
+    )?;
     let caption = escape(caption);
     Ok(format!(
         "<figure><figcaption>{caption}</figcaption><img alt=\"{caption}\" width=\"{}\" height=\"{}\" src=\"data:image/jpeg;base64,{}\"/></figure>\n",

@@ -318,7 +318,7 @@ fn resumed_config(run: &Path, assignments: &[String]) -> Result<Config, Failure>
     }
     let (before, now) = (Config::from_file(&path, &[])?, Config::from_file(&path, assignments)?);
     if pipeline::fingerprint(&before) != pipeline::fingerprint(&now) {
-        let message = "a resumed run continues as it began: of the config only run.data_workers, run.on_nan, run.material_cache_mib, checkpoint.* and report.* may be set anew; start a new run with `--config` for other values";
+        let message = "a resumed run continues as it began: of the config only run.data_workers, run.on_nan, run.material_cache_mib, histogram_every, checkpoint.* and report.* may be set anew; start a new run with `--config` for other values";
         return Err(Failure::Usage(message.into()));
     }
     Ok(now)

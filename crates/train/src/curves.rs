@@ -123,7 +123,8 @@ impl StageCurves {
         }
         *latest = step;
         // A number that wasn't finite is null.
-        for (name, value) in row.iter().filter_map(|(name, value)| Some((name, value.as_f64()?))).filter(|(n, _)| *n != "step") {
+        for (name, value) in row.iter().filter_map(|(name, value)| Some((name, value.as_f64()?))).filter(|(n, _)| *n != "step")
+        {
             let place = curves.iter().position(|curve| curve.name == *name).unwrap_or_else(|| {
                 curves.push(Curve::new(name, value));
                 curves.sort_by_cached_key(|curve| order(&curve.name));

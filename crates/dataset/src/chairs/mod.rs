@@ -35,13 +35,16 @@ use layer::{Affine, Layer};
 #[serde(deny_unknown_fields, default)]
 pub struct ChairsConfig {
     /// Side of the images.
+    #[schemars(extend("unit" = "pixels"))]
     pub resolution: usize,
     /// Range of the number of foreground shapes.
     pub shapes: [usize; 2],
     /// Standard deviation of the background's translation, per axis, in pixels; 11 gives a mean displacement of about
     /// 15 px, as between neighbouring frames of a scan (§4).
+    #[schemars(extend("unit" = "pixels"))]
     pub background_px: f64,
     /// Standard deviation of a shape's translation relative to the background, per axis, in pixels.
+    #[schemars(extend("unit" = "pixels"))]
     pub shape_px: f64,
     /// Multiplies the sensor noise of §4; 0 switches it off.
     pub noise_scale: f32,

@@ -56,6 +56,7 @@ pub struct PathConfig {
     /// The template of a video that isn't a line.
     pub template: Template,
     /// Probability of the line instead of `template` (paper: 1/3 for the SVBRDF net, 0 for the flow nets).
+    #[schemars(extend("unit" = "probability"))]
     pub line_share: f64,
     /// In which order a line is visited.
     pub line_order: LineOrder,
@@ -66,6 +67,7 @@ pub struct PathConfig {
     /// Frames per frame of the original path (Table 5: 4, 2, 0.5); the path itself stays the same.
     pub frame_rate: f64,
     /// Frames of the path at frame rate 1; the spiral has 141 points.
+    #[schemars(extend("unit" = "frames"))]
     pub frames: usize,
 }
 

@@ -48,6 +48,7 @@ pub struct LightConfig {
     pub kind: Lighting,
     /// Range of the environment's irradiance as a share of the flash's at the frame centre (Table 5: 0.01 to 0.2);
     /// \[0, 0\] is the paper's dark room.
+    #[schemars(extend("unit" = "share of the flash"))]
     pub ambient: [f64; 2],
     /// Where environments come from when there is `ambient` light: a lat-long EXR or Radiance HDR file, or a folder of such
     /// (z up), each turned at random; generated skies when empty.

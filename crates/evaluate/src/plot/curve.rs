@@ -89,8 +89,8 @@ fn upward(points: &[Point]) -> Axis {
     Axis::new(Scale::Linear, [low - room, high + room], ends)
 }
 
-/// Four digits, whatever the size.
-fn short(value: f64) -> String {
+/// A value with four digits, whatever its size.
+pub fn short(value: f64) -> String {
     match value.abs() {
         0.0 => "0".into(),
         size if size >= 1e5 || size < 1e-3 => format!("{value:.2e}"),
@@ -127,6 +127,9 @@ mod tests {
 
     #[test]
     fn values_keep_four_digits() {
-        assert_eq!([0.0, 0.12345, 12.345, 1234.5, 2e-5, -0.5].map(short), ["0", "0.1235", "12.35", "1235", "2.00e-5", "-0.5000"]);
+        assert_eq!(
+            [0.0, 0.12345, 12.345, 1234.5, 2e-5, -0.5].map(short),
+            ["0", "0.1235", "12.35", "1235", "2.00e-5", "-0.5000"]
+        );
     }
 }

@@ -4,7 +4,7 @@ mod axis;
 mod curve;
 
 pub use axis::{Axis, Scale};
-pub use curve::{Point, curve};
+pub use curve::{Point, curve, short};
 
 /// Text that is not data.
 pub(crate) const SOFT: &str = "#6b6b6b";

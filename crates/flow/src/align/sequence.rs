@@ -5,15 +5,12 @@ use rayon::prelude::*;
 
 use super::FlowEstimator;
 use super::compose::FlowField;
-use super::config::{AlignConfig, Regularise};
+use super::config::{AlignConfig, Regularise, SMALLEST_SIDE};
 use super::dense;
 use super::result::{AlignError, Alignment, Warning};
 use super::scan::Scan;
 use super::size::Size;
 use super::track::Tracker;
-
-/// Frames below this side can't be aligned.
-const SMALLEST_SIDE: usize = 32;
 
 /// Aligns scans; holds the nets, where there are any.
 pub struct Aligner<'a> {
@@ -50,13 +47,7 @@ impl Aligner<'_> {
 
     fn check(&self, frames: &[Planes], guidance: Option<&Planes>) -> Result<(), AlignError> {
         let config = |name, found: String, expected| Err(AlignError::Config { name, found, expected });
-        if self.config.key_frame_step == 0 {
-            return config("key_frame_step", "0".into(), "take every 1st, 2nd, … frame as a key frame (paper: 5)");
-        }
-        if self.config.size < SMALLEST_SIDE || self.config.refine_size < self.config.size {
-            let found = format!("{}, refine_size = {}", self.config.size, self.config.refine_size);
-            return config("size", found, "need 32 ≤ size ≤ refine_size (paper: 256)");
-        }
+        self.config.validate()?;
         if self.config.regularise == Regularise::None && self.adjacent.is_none() {
             let expected = "composing flows as they are needs the adjacent net; use \"homography\"";
             return config("regularise", "none".into(), expected);

@@ -81,6 +81,7 @@ pub enum Prediction {
 #[serde(deny_unknown_fields, default)]
 pub struct PwcConfig {
     /// Feature channels per pyramid level, finest (half resolution) first.
+    #[schemars(extend("unit" = "channels"))]
     pub channels: Vec<usize>,
     /// Convolutions per pyramid level; the first one halves.
     pub convs_per_level: usize,
@@ -95,6 +96,7 @@ pub struct PwcConfig {
     /// The coarsest estimator sees the first image's features beside the cost volume, as the finer ones do.
     pub coarsest_features: bool,
     /// Radius of the cost volume in pixels of the level.
+    #[schemars(extend("unit" = "pixels of a level"))]
     pub radius: usize,
     /// Widths of the context net's dilated convolutions (dilations 1, 2, 4, 8, 16, 1); empty: no context net.
     pub context: Vec<usize>,

@@ -124,6 +124,7 @@ pub struct SvbrdfNetConfig {
     /// What reduces the frames to one.
     pub pooling: Pooling,
     /// Share of values dropped in the three innermost decoder blocks while training; small budgets want 0.
+    #[schemars(extend("unit" = "share of values"))]
     pub dropout: f32,
     /// Initial state of the last layer.
     pub output: OutputConfig,

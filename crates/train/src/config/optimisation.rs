@@ -41,6 +41,7 @@ pub struct Optimisation {
     /// Its course.
     pub schedule: Schedule,
     /// Steps of the ramp at the start.
+    #[schemars(extend("unit" = "steps"))]
     pub warm_up: usize,
     /// Adam's constants.
     pub adam: Adam,
@@ -49,14 +50,18 @@ pub struct Optimisation {
     /// Largest norm of the whole gradient; 0 clips nothing.
     pub clip: f64,
     /// Batches whose gradients are averaged into one step.
+    #[schemars(extend("unit" = "batches"))]
     pub accumulate: usize,
     /// Decay of the moving average of the weights that evaluation uses; 0 keeps none.
     pub ema: f64,
     /// Steps between two rows of preview pictures.
+    #[schemars(extend("unit" = "steps"))]
     pub preview_every: usize,
     /// Steps between two measurements on held-out materials; 0 measures only at the end.
+    #[schemars(extend("unit" = "steps"))]
     pub validate_every: usize,
     /// Steps between two histograms of the weights and gradients of every layer for TensorBoard; 0 makes none.
+    #[schemars(extend("unit" = "steps"))]
     pub histogram_every: usize,
 }
 
@@ -83,8 +88,10 @@ impl Default for Optimisation {
 #[serde(default, deny_unknown_fields)]
 pub struct Teaching {
     /// Probability at the start that a level begins from the true flow instead of the coarser level's.
+    #[schemars(extend("unit" = "probability"))]
     pub forcing: f64,
     /// Share of the stage after which that probability has fallen to zero.
+    #[schemars(extend("unit" = "share of the steps"))]
     pub until: f64,
 }
 

@@ -79,10 +79,12 @@ pub struct Run {
     /// The one seed that every random stream is derived from.
     pub seed: u64,
     /// Threads that prepare batches; the results don't depend on it.
+    #[schemars(extend("unit" = "threads"))]
     pub data_workers: usize,
     /// What a non-finite loss leads to.
     pub on_nan: OnNan,
     /// Memory for decoded materials, in MiB.
+    #[schemars(extend("unit" = "MiB"))]
     pub material_cache_mib: usize,
 }
 
@@ -152,7 +154,8 @@ pub struct FlowTable {
     /// A whole architecture of one's own instead of `size`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub architecture: Option<PwcConfig>,
-    /// What they start from.
+    /// What they start from: `weights` (the pre-trained net that ships), `none` (random weights; the chairs stage trains them
+    /// first when it has steps) or the path of a safetensors file.
     pub init: FlowInit,
 }
 
@@ -183,6 +186,7 @@ fn flow_optimisation() -> Optimisation {
 #[serde(default, deny_unknown_fields)]
 pub struct ChairsStage {
     /// Optimiser steps; 0 leaves the stage out.
+    #[schemars(extend("unit" = "steps"))]
     pub steps: usize,
     /// Pairs in a batch.
     pub batch: usize,
@@ -190,6 +194,7 @@ pub struct ChairsStage {
     pub pairs: ChairsConfig,
     /// Share of the training pairs that are neighbouring frames of rendered scans (`adjacent.videos`) instead of moving shapes:
     /// shapes teach matching at any displacement, scans teach that highlights move but texture doesn't.
+    #[schemars(extend("unit" = "share of the pairs"))]
     pub rendered_share: f64,
     /// The loss.
     pub loss: FlowLossConfig,
@@ -221,6 +226,7 @@ impl Default for ChairsStage {
 #[serde(default, deny_unknown_fields)]
 pub struct PairStage {
     /// Optimiser steps; 0 leaves the stage out.
+    #[schemars(extend("unit" = "steps"))]
     pub steps: usize,
     /// Pairs in a batch.
     pub batch: usize,
@@ -261,6 +267,7 @@ impl Default for PairStage {
 #[serde(default, deny_unknown_fields)]
 pub struct SvbrdfStage {
     /// Optimiser steps; 0 leaves the stage out.
+    #[schemars(extend("unit" = "steps"))]
     pub steps: usize,
     /// The net.
     pub net: SvbrdfNetConfig,
@@ -356,6 +363,7 @@ impl Default for Report {
 #[serde(default, deny_unknown_fields)]
 pub struct Checkpointing {
     /// Steps between two checkpoints: what a `kill -9` can cost.
+    #[schemars(extend("unit" = "steps"))]
     pub every_steps: usize,
     /// Checkpoints that stay, the newest first.
     pub keep_last: usize,

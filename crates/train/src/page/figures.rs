@@ -88,7 +88,8 @@ fn row(name: &str, what: &str, goal: Option<f64>, values: [Option<f64>; 4]) -> S
         (Some(value), _) => format!("<td class=\"number\">{}</td>", number(*value)),
     };
     let cells: String = values.iter().enumerate().map(cell).collect();
-    let goal = goal.map_or(String::new(), |goal| format!("≤ {}", if goal < 1.0 { format!("{goal:.2}") } else { goal.to_string() }));
+    let goal =
+        goal.map_or(String::new(), |goal| format!("≤ {}", if goal < 1.0 { format!("{goal:.2}") } else { goal.to_string() }));
     format!("<tr><td><code>{}</code></td>{cells}<td class=\"number\">{goal}</td><td>{}</td></tr>\n", escape(name), escape(what))
 }
 
@@ -97,7 +98,8 @@ fn number(value: f64) -> String {
     match value.abs() {
         size if size >= 1000.0 || (value.fract() == 0.0 && size >= 2.0) => format!("{value:.0}"),
         size if size >= 10.0 => format!("{value:.1}"),
-        size if size >= 0.01 || value == 0.0 => format!("{value:.3}"),
+        size if size >= 0.1 || value == 0.0 => format!("{value:.3}"),
+        size if size >= 1e-3 => format!("{value:.4}"),
         _ => format!("{value:.2e}"),
     }
 }

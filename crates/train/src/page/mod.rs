@@ -7,7 +7,7 @@ use crate::config::Config;
 use crate::curves::{Curve, Curves, StageCurves};
 use crate::finished::{Finished, FinishedStage};
 use crate::progress::spoken;
-use evaluate::plot::curve;
+use evaluate::plot::{curve, short};
 use scan::html::{self, escape};
 use serde_json::{Map, Value};
 use std::io;
@@ -80,16 +80,30 @@ fn header(name: &str, run: &Map<String, Value>, config: &Config, report: &Map<St
 
 /// Measurements first: they are what a person looks for.
 fn stage_curves(stage: &StageCurves, done: Option<&FinishedStage>) -> String {
-    let panel = |what: &str, curves: &[Curve]| {
-        let panels: Vec<String> =
-            curves.iter().map(|c| curve(&c.name, &c.points())).filter(|panel| !panel.is_empty()).collect();
-        if panels.is_empty() {
-            return String::new();
-        }
-        format!("<h3>{} – {what}</h3>\n<div class=\"panels\">\n{}</div>\n", escape(&stage.name), panels.concat())
-    };
     let planned = done.map_or(String::new(), |done| format!(" of {}", done.steps));
-    panel(&format!("held-out materials, {}{planned} steps", stage.step), &stage.held_out) + &panel("training", &stage.train)
+    let name = escape(&stage.name);
+    let mut text = format!("<h3>{name} – held-out materials, {}{planned} steps</h3>\n", stage.step);
+    text += &panels(&stage.held_out);
+    text += &format!("<h3>{name} – training</h3>\n");
+    text + &panels(&stage.train)
+}
+
+/// A panel per curve; what was measured once needs no axes.
+fn panels(curves: &[Curve]) -> String {
+    let (courses, single): (Vec<&Curve>, Vec<&Curve>) = curves.iter().partition(|curve| curve.points().len() > 1);
+    let panels: String = courses.iter().map(|course| curve(&course.name, &course.points())).collect();
+    let values: String = single
+        .iter()
+        .map(|curve| format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape(&curve.name), short(curve.last())))
+        .collect();
+    let mut text = String::new();
+    if !panels.is_empty() {
+        text += &format!("<div class=\"panels\">\n{panels}</div>\n");
+    }
+    if !values.is_empty() {
+        text += &format!("<dl class=\"facts\">\n{values}</dl>\n");
+    }
+    text
 }
 
 fn costs(finished: &Finished, report: &Map<String, Value>) -> String {

@@ -1,24 +1,19 @@
 //! Previews and contact sheets inside the page.
 
-use flow::visual::legend;
 use image::RgbImage;
 use scan::html::figure;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::stage::picture::to_rgb;
-
 /// Widest picture of the page, in pixels: as wide as its text on a usual screen.
 const WIDEST: u32 = 1120;
-/// Side of the wheel that tells what the colours of a flow mean.
-const WHEEL: usize = 96;
 /// Contact sheets that are shown; the others lie in `report/`.
 const MOST_SHEETS: usize = 16;
 
 /// What the pictures whose names begin so show.
 const SHOWN: [(&str, &str); 3] = [
-    ("pair", "target, source, true flow, estimated flow, distance between them, wheel of directions"),
+    ("pair", "target, source, true flow, estimated flow, distance between them, wheel of directions (paler is shorter)"),
     ("maps", "estimated above true: normals, diffuse, roughness, specular, rendered from the top and from 45°"),
     ("frames", "guidance frame and key frames"),
 ];
@@ -34,16 +29,15 @@ pub fn previews(folder: &Path) -> io::Result<String> {
         series.entry((stage, name)).or_default().insert(step, path);
     }
     let mut text = String::new();
-    if series.keys().any(|(_, name)| name.starts_with(SHOWN[0].0)) {
-        let wheel = to_rgb(&legend(WHEEL));
-        text += &embedded("Flow: the colour of a motion is that of its direction on this wheel, paler when it is shorter", &wheel)?;
-    }
     for ((stage, name), steps) in &series {
         let what = SHOWN.iter().find(|(prefix, _)| name.starts_with(prefix)).map_or("", |(_, what)| what);
-        let (first, last) = (steps.first_key_value(), steps.last_key_value().filter(|_| steps.len() > 1));
-        for (step, path) in first.into_iter().chain(last) {
-            text += &embedded(&format!("{stage}, {name}, step {step}: {what}"), &read(path)?)?;
+        let (Some((began, first)), Some((ended, last))) = (steps.first_key_value(), steps.last_key_value()) else { continue };
+        let (before, after) = (read(first)?, read(last)?);
+        // What isn't made by the net stays the same.
+        if before != after {
+            text += &embedded(&format!("{stage}, {name}, step {began}: {what}"), &before)?;
         }
+        text += &embedded(&format!("{stage}, {name}, step {ended}: {what}"), &after)?;
     }
     Ok(text)
 }
@@ -57,7 +51,8 @@ pub fn sheets(folder: &Path) -> io::Result<String> {
     let sheets: Vec<(String, PathBuf)> = files(folder)?.into_iter().filter_map(|path| Some((name(&path)?, path))).collect();
     let mut text = String::new();
     for (name, path) in sheets.iter().take(MOST_SHEETS) {
-        text += &embedded(&format!("evaluation, {name}"), &read(path)?)?;
+        text +=
+            &embedded(&format!("evaluation, {name}: guidance frame and aligned key frames, estimated, true"), &read(path)?)?;
     }
     if sheets.len() > MOST_SHEETS {
         text += &format!("<p class=\"soft\">{} more contact sheets are in report/.</p>\n", sheets.len() - MOST_SHEETS);

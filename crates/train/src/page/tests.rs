@@ -19,7 +19,7 @@ fn a_page_shows_every_term_the_first_and_last_pictures_and_the_config() {
     for step in 1..=5 {
         let values = ["loss", "matching", "gradient_norm"].map(|name| (name.to_string(), 1.0 / step as f64));
         metrics.row(&Row { stage: "adjacent", step, kind: Kind::Train, values: &values }).unwrap();
-        previews.picture("adjacent", step, "pair0", &image::RgbImage::new(8, 4)).unwrap();
+        previews.picture("adjacent", step, "pair0", &image::RgbImage::from_pixel(8, 4, image::Rgb([step as u8; 3]))).unwrap();
     }
     let measured = [("epe_ratio".to_string(), 0.5)];
     metrics.row(&Row { stage: "adjacent", step: 5, kind: Kind::Validate, values: &measured }).unwrap();
@@ -42,7 +42,7 @@ fn a_page_shows_every_term_the_first_and_last_pictures_and_the_config() {
     for part in [
         "<h1>my &lt;run&gt;</h1>",
         ">matching</text>",
-        ">epe_ratio</text>",
+        "<dt>epe_ratio</dt><dd>0.5000</dd>",
         "adjacent, pair0, step 1:",
         "adjacent, pair0, step 5:",
         "25.0 %",

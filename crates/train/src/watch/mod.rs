@@ -75,6 +75,8 @@ pub fn run(arguments: &WatchArguments) -> Result<(), WatchError> {
     loop {
         let (rows, columns) = terminal.size();
         let text = look(path, &mut curves, stage.as_deref(), (usize::from(columns), usize::from(rows)))?;
+        // What is too long for the terminal would scroll the head away.
+        let text: String = text.split_inclusive('\n').take(usize::from(rows).saturating_sub(1)).collect();
         terminal.clear_screen().and_then(|()| terminal.write_str(&text)).map_err(fail)?;
         std::thread::sleep(INTERVAL);
     }

@@ -29,29 +29,57 @@ pub struct Run<'a> {
 }
 
 /// Two lines about the run, then every curve of the stage, as many beside each other as fit.
-pub fn screen(run: &Run<'_>, (columns, rows): (usize, usize)) -> String {
+pub fn screen<'a>(run: &Run<'a>, (columns, rows): (usize, usize)) -> String {
     let mut text = format!("{}  {}\n", style(run.name).bold(), state(run));
     if let Some(status) = &run.status {
         text += &format!("{}\n", truncate_str(&facts(status), columns, "…"));
     }
     let Some(stage) = run.stage else { return text + "no step yet\n" };
     text += &format!("{} step {}\n\n", style(&stage.name).bold(), stage.step);
-    let curves: Vec<(&Curve, bool)> =
-        stage.held_out.iter().map(|curve| (curve, true)).chain(stage.train.iter().map(|curve| (curve, false))).collect();
+    let (losses, others) = stage.train.split_at(stage.train.len().min(1));
+    let held_out = stage.held_out.iter().map(|curve| (curve, true));
+    let train = |curves: &'a [Curve]| curves.iter().map(|curve| (curve, false));
+    let all = train(losses).chain(held_out).chain(train(others));
+    // A line takes two points; single values stand together.
+    let (curves, single): (Vec<(&Curve, bool)>, Vec<_>) = all.partition(|(curve, _)| curve.points().len() > 1);
+    text += &values(&single, columns);
     let beside = (columns / LEAST_WIDTH).max(1);
     let width = (columns / beside).saturating_sub(GAP).max(8);
     let lines = curves.len().div_ceil(beside);
-    let fits = (rows.saturating_sub(5) / lines.max(1)).saturating_sub(1);
+    let fits = (rows.saturating_sub(text.lines().count() + 1) / lines.max(1)).saturating_sub(1);
     let height = fits.clamp(ROWS[0], ROWS[1]);
     for line in curves.chunks(beside) {
         let panels: Vec<Vec<String>> = line.iter().map(|(curve, held_out)| panel(curve, *held_out, width, height)).collect();
         for row in 0..=height {
-            let parts: Vec<String> =
-                panels.iter().map(|panel| pad_str(&panel[row], width + GAP, console::Alignment::Left, None).into_owned()).collect();
+            let parts: Vec<String> = panels
+                .iter()
+                .map(|panel| pad_str(&panel[row], width + GAP, console::Alignment::Left, None).into_owned())
+                .collect();
             text += &format!("{}\n", parts.concat().trim_end());
         }
     }
     text
+}
+
+/// Curves of one point each as names and values, wrapped.
+fn values(curves: &[(&Curve, bool)], columns: usize) -> String {
+    let (mut text, mut column) = (String::new(), 0);
+    for (curve, held_out) in curves {
+        let part = format!("{} {}", name(curve, *held_out), number(curve.last()));
+        let width = part.chars().count();
+        if column > 0 && column + GAP + width > columns {
+            text += "\n";
+            column = 0;
+        }
+        text += if column > 0 { " · " } else { "" };
+        column += width + if column > 0 { GAP } else { 0 };
+        text += &part;
+    }
+    if curves.is_empty() { text } else { text + "\n\n" }
+}
+
+fn name(curve: &Curve, held_out: bool) -> String {
+    if held_out { format!("{} (held-out)", curve.name) } else { curve.name.clone() }
 }
 
 fn state(run: &Run<'_>) -> String {
@@ -78,14 +106,15 @@ fn facts(status: &StoredStatus) -> String {
 
 /// A line with name and values, then the curve.
 fn panel(curve: &Curve, held_out: bool, width: usize, height: usize) -> Vec<String> {
-    let name = if held_out { format!("{} (held-out)", curve.name) } else { curve.name.clone() };
+    let name = name(curve, held_out);
     let values = format!("{} ← {}", number(curve.last()), number(curve.first()));
     let Some(Chart { rows, range: [low, high], logarithmic }) = chart(&curve.points(), width - 2, height) else {
         return vec![name; height + 1];
     };
     let scale = if logarithmic { " log" } else { "" };
     let range = format!("[{}, {}]{scale}", number(low), number(high));
-    let head = truncate_str(&format!("{} {} {}", style(name).bold(), style(values).cyan(), style(range).dim()), width, "…").into_owned();
+    let head = truncate_str(&format!("{} {} {}", style(name).bold(), style(values).cyan(), style(range).dim()), width, "…")
+        .into_owned();
     std::iter::once(head).chain(rows.into_iter().map(|row| format!("│{}", style(row).cyan()))).collect()
 }
 
@@ -108,7 +137,10 @@ mod tests {
         let mut text = String::new();
         for step in 1..=40 {
             let loss = 1.0 / f64::from(step);
-            let _ = writeln!(text, "{{\"stage\":\"svbrdf\",\"kind\":\"train\",\"step\":{step},\"loss\":{loss},\"top\":0.5,\"bad\":null}}");
+            let _ = writeln!(
+                text,
+                "{{\"stage\":\"svbrdf\",\"kind\":\"train\",\"step\":{step},\"loss\":{loss},\"top\":0.5,\"bad\":null}}"
+            );
         }
         text += "{\"stage\":\"svbrdf\",\"kind\":\"validate\",\"step\":40,\"maps_l1_ratio\":0.71}\n";
         std::fs::write(&path, text).unwrap();

@@ -29,6 +29,7 @@ pub enum SourceConfig {
 #[serde(deny_unknown_fields, default)]
 pub struct ProceduralConfig {
     /// Texels per side of a tile, which covers 0.5 × 0.5 of the material's 2 × 2 whatever its size.
+    #[schemars(extend("unit" = "texels"))]
     pub size: usize,
     /// How many materials, over both sides of the split.
     pub count: usize,
@@ -64,6 +65,7 @@ pub struct PbrConfig {
     pub path: PathBuf,
     /// Texels of the maps over the material's \[−1, 1\]: 4096 shows maps of 1024² as tiles of 0.5 × 0.5.
     #[serde(default = "grid")]
+    #[schemars(extend("unit" = "texels"))]
     pub texels: usize,
     /// How maps continue beyond their edge: `repeat` for tileable ones, `mirror` for others.
     #[serde(default)]
@@ -83,6 +85,7 @@ pub struct InriaConfig {
     pub albedo_encoding: AlbedoEncoding,
     /// Texels of the maps over the material's \[−1, 1\]: 4096 shows strips of 512² as in the paper (Fig. 2).
     #[serde(default = "grid")]
+    #[schemars(extend("unit" = "texels"))]
     pub texels: usize,
     /// How maps continue beyond their edge; `mirror` shows no seam, whether they tile or not.
     #[serde(default = "mirror")]
@@ -105,6 +108,7 @@ pub struct NpyConfig {
     pub roughness_squared: bool,
     /// Texels of the maps over the material's \[−1, 1\].
     #[serde(default = "grid")]
+    #[schemars(extend("unit" = "texels"))]
     pub texels: usize,
     /// How maps continue beyond their edge; `mirror` shows no seam, whether they tile or not.
     #[serde(default = "mirror")]

@@ -56,6 +56,7 @@ pub struct SensorConfig {
 #[serde(deny_unknown_fields, default)]
 pub struct VignettingConfig {
     /// Range of the share of light that is lost in the image's corners, one draw per video.
+    #[schemars(extend("unit" = "share of light"))]
     pub corner_loss: [f64; 2],
 }
 
@@ -71,6 +72,7 @@ impl Default for VignettingConfig {
 pub struct ExposureConfig {
     /// Standard deviation of the last frame's exposure against the first one's, in stops (factors of two). The exposure
     /// wanders smoothly and acts before noise and clipping.
+    #[schemars(extend("unit" = "stops"))]
     pub stops: f64,
 }
 
@@ -86,6 +88,7 @@ impl Default for ExposureConfig {
 pub struct WhiteBalanceConfig {
     /// Standard deviation, in stops, of red and of blue against green in the last frame, 0 in the first. The luminance of grey
     /// (Rec. 709) stays.
+    #[schemars(extend("unit" = "stops"))]
     pub stops: f64,
 }
 
@@ -100,8 +103,10 @@ impl Default for WhiteBalanceConfig {
 #[serde(deny_unknown_fields, default)]
 pub struct MotionBlurConfig {
     /// Range of the share of the time between two frames for which the shutter is open, one draw per video.
+    #[schemars(extend("unit" = "share of a frame's time"))]
     pub shutter: [f64; 2],
     /// Most renderings that a frame is averaged over; it takes one per pixel of motion, and as many times as long to make.
+    #[schemars(extend("unit" = "renderings"))]
     pub sub_frames: usize,
 }
 
@@ -133,6 +138,7 @@ impl Default for DistortionConfig {
 #[serde(deny_unknown_fields, default)]
 pub struct RollingShutterConfig {
     /// Range of the share of the time between two frames that passes between the first and the last row, one draw per video.
+    #[schemars(extend("unit" = "share of a frame's time"))]
     pub readout: [f64; 2],
 }
 
@@ -149,6 +155,7 @@ impl Default for RollingShutterConfig {
 pub struct CompressionConfig {
     /// Range of the JPEG quality, 1 to 100, one draw per video. Each frame is compressed by itself, colour at half
     /// resolution (4:2:0): that stands for a phone's video encoder.
+    #[schemars(extend("unit" = "JPEG quality"))]
     pub quality: [u8; 2],
 }
 

@@ -36,7 +36,11 @@ pub(super) fn allowed(path: &Path, key: &str, schema: &Value) -> Option<String> 
         config.validate().into_iter().find_map(|problem| {
             let (found, expected) = match problem.expected {
                 Some(expected) => (problem.found, expected),
-                None => problem.found.split_once("; ").map(|(found, rest)| (found.to_string(), rest.to_string()))?,
+                // `KEY is VALUE; EXPECTED`, `KEY is VALUE, expected EXPECTED` or `KEY = VALUE: EXPECTED`.
+                None => ["; ", ", expected ", ": "]
+                    .into_iter()
+                    .find_map(|mark| problem.found.rsplit_once(mark))
+                    .map(|(found, rest)| (found.to_string(), rest.to_string()))?,
             };
             let names = found.split(|c: char| !(c.is_alphanumeric() || c == '_'));
             let about = names.into_iter().any(|name| name == key);

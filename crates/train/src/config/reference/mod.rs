@@ -4,8 +4,8 @@
 mod allowed;
 mod page;
 
-use super::layers::span_of;
 use super::Config;
+use super::layers::span_of;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -158,7 +158,8 @@ impl<'a> Reader<'a> {
 
     /// The schema that a property leads to, with its name; of an optional one, that of its value.
     fn resolved(&self, property: &'a Value) -> (Option<&'a str>, &'a Value) {
-        let value = property["anyOf"].as_array().and_then(|any| any.iter().find(|one| one["type"] != "null")).unwrap_or(property);
+        let value =
+            property["anyOf"].as_array().and_then(|any| any.iter().find(|one| one["type"] != "null")).unwrap_or(property);
         match value["$ref"].as_str().and_then(|reference| reference.strip_prefix("#/$defs/")) {
             Some(name) => (Some(name), &self.schema["$defs"][name]),
             None => (None, value),
@@ -185,7 +186,9 @@ impl<'a> Reader<'a> {
             }
             Some("object") => "table".into(),
             Some("string") if choices(schema).is_empty() => "text".into(),
-            _ if schema["oneOf"].as_array().is_some_and(|of| of.iter().all(|one| one["properties"].is_object())) => "table".into(),
+            _ if schema["oneOf"].as_array().is_some_and(|of| of.iter().all(|one| one["properties"].is_object())) => {
+                "table".into()
+            }
             _ => "choice".into(),
         }
     }
