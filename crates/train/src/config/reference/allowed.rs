@@ -37,10 +37,13 @@ pub(super) fn allowed(path: &Path, key: &str, schema: &Value) -> Option<String> 
             let (found, expected) = match problem.expected {
                 Some(expected) => (problem.found, expected),
                 // `KEY is VALUE; EXPECTED`, `KEY is VALUE, expected EXPECTED` or `KEY = VALUE: EXPECTED`.
-                None => ["; ", ", expected ", ": "]
-                    .into_iter()
-                    .find_map(|mark| problem.found.rsplit_once(mark))
-                    .map(|(found, rest)| (found.to_string(), rest.to_string()))?,
+                None => {
+                    let mut marks = ["; ", ", expected "].into_iter();
+                    let equal =
+                        || problem.found.split_once(" = ").and_then(|(name, rest)| Some((name, rest.split_once(": ")?.1)));
+                    let (found, rest) = marks.find_map(|mark| problem.found.split_once(mark)).or_else(equal)?;
+                    (found.to_string(), rest.to_string())
+                }
             };
             let names = found.split(|c: char| !(c.is_alphanumeric() || c == '_'));
             let about = names.into_iter().any(|name| name == key);

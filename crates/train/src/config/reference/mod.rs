@@ -128,14 +128,14 @@ impl<'a> Reader<'a> {
     fn sources(&mut self, property: &'a Value, path: &Path) {
         let (_, item) = self.resolved(&property["items"]);
         for variant in item["oneOf"].as_array().into_iter().flatten() {
-            let (Some(kind), target) = self.resolved(variant) else { continue };
             let Some(name) = variant["properties"]["type"]["const"].as_str() else { continue };
-            let mut source = toml::Table::from_iter([("type".to_string(), toml::Value::from(name))]);
-            for required in target["required"].as_array().into_iter().flatten().filter_map(Value::as_str) {
-                let (_, schema) = self.resolved(&target["properties"][required]);
+            let mut source = toml::Table::new();
+            for required in variant["required"].as_array().into_iter().flatten().filter_map(Value::as_str) {
+                let (_, schema) = self.resolved(&variant["properties"][required]);
                 source.insert(required.into(), something(schema));
             }
-            self.table(target, kind, &Path { source: Some(source), ..path.clone() });
+            source.insert("type".into(), name.into());
+            self.table(variant, &format!("materials-{name}"), &Path { source: Some(source), ..path.clone() });
         }
     }
 

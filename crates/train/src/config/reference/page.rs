@@ -141,7 +141,7 @@ mod tests {
             ("Run", "on_nan", vec!["`\"stop\"`", "<br>`restore`: The run goes back"]),
             ("Optimisation", "learning_rate", vec!["`0.00002` in `svbrdf.optimisation`", "a rate above 0"]),
             ("VignettingConfig", "corner_loss", vec!["2 × number", "0 ≤ low ≤ high ≤ 0.9"]),
-            ("NpyConfig", "roughness_squared", vec!["must be written"]),
+            ("materials-npy", "roughness_squared", vec!["must be written"]),
             ("SensorConfig", "vignetting", vec!["[table](#vignettingconfig) | off"]),
         ];
         for (kind, name, parts) in cases {
