@@ -5,6 +5,7 @@ use ops::planes::{Mask, Planes};
 use rand::seq::SliceRandom;
 use rand::{Rng, RngExt};
 use render::svbrdf::SvbrdfImage;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::mixing::{MOST_MIXED, Mixing};
@@ -36,12 +37,14 @@ pub struct Exemplar {
 }
 
 /// How exemplars are drawn.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ExemplarConfig {
     /// Side of the frames and maps.
+    #[schemars(extend("unit" = "pixels"))]
     pub resolution: usize,
     /// Range of K, the number of key frames besides the guidance frame (§4: 4 to 16).
+    #[schemars(extend("unit" = "frames"))]
     pub key_frames: [usize; 2],
     /// How many videos are mixed: exemplars of a window of so many videos come in random order.
     pub mixed_videos: u64,

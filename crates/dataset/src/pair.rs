@@ -5,6 +5,7 @@ use ops::homography::Homography;
 use ops::planes::{Mask, Planes};
 use rand::seq::SliceRandom;
 use rand::{Rng, RngExt};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::sequence::{FrameWarp, Sequence};
@@ -36,12 +37,14 @@ pub struct FlowPair {
 }
 
 /// How pairs are made from a video.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PairConfig {
     /// Side of the frames the pair is cut from.
+    #[schemars(extend("unit" = "pixels"))]
     pub resolution: usize,
     /// Side of the square that is cut out, so that pairs can be batched; 0 keeps everything that there is.
+    #[schemars(extend("unit" = "pixels"))]
     pub crop: usize,
     /// Flips, transposition, exchange of the two images and of the colour channels, each with probability ½.
     pub augment: bool,

@@ -1,7 +1,8 @@
 //! Floor 4: how good a method is, measured on materials it never saw (paper §8; spec 6).
 //!
 //! A *protocol* makes test scans, runs the method and its baselines on identical frames and fills a table. [`synthetic`] is the
-//! protocol that every training run ends with, [`alignment`] measures the alignment alone, under many conditions, [`compare`] measures one scan on disk; [`table`] writes tables as JSON, CSV and Markdown, [`sheet`] draws contact sheets.
+//! protocol that every training run ends with, [`alignment`] measures the alignment alone, under many conditions, [`compare`]
+//! measures one scan on disk; [`table`] writes tables as JSON, CSV and Markdown, [`sheet`] draws contact sheets, [`plot`] curves.
 
 pub mod adjacent;
 pub mod alignment;
@@ -10,6 +11,7 @@ pub mod compare;
 pub mod comparison;
 pub mod materials;
 pub mod output;
+pub mod plot;
 pub mod report;
 pub mod sheet;
 pub mod statistics;

@@ -17,6 +17,7 @@ use render::brdf::BrdfModel;
 use render::svbrdf::SvbrdfImage;
 use render::views::EvaluationViews;
 use scan::nets::{ScanNets, key_frame};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use svbrdf::constants::ConstantMaps;
 use svbrdf::metrics::{MapErrors, RenderErrors};
@@ -27,7 +28,7 @@ use crate::baseline::constant_maps;
 use crate::materials::held_out;
 
 /// Budget and sizes of the protocol.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SyntheticConfig {
     /// Held-out materials with visible texture.
@@ -37,8 +38,10 @@ pub struct SyntheticConfig {
     /// Held-out materials that show nothing to align by; they are measured apart.
     pub featureless: usize,
     /// Side of the frames that are aligned, in pixels.
+    #[schemars(extend("unit" = "pixels"))]
     pub resolution: usize,
     /// Side of the maps, in pixels.
+    #[schemars(extend("unit" = "pixels"))]
     pub map_resolution: usize,
     /// Neighbouring frames per material on which the `adjacent` net is measured.
     pub pairs: usize,
@@ -91,7 +94,10 @@ impl SyntheticConfig {
             Self { map_resolution: r, .. } if !(16..=4096).contains(r) => error("map_resolution", *r, "16 to 4096 pixels"),
             Self { pairs: 0, .. } => error("pairs", 0, "at least 1"),
             Self { constant_videos: 0, .. } => error("constant_videos", 0, "at least 1"),
-            _ => self.videos.validate().map_err(EvaluateError::Videos),
+            _ => {
+                self.align.validate()?;
+                self.videos.validate().map_err(EvaluateError::Videos)
+            }
         }
     }
 }

@@ -1,6 +1,7 @@
 //! What training minimises: flow errors at all levels, and how well the cost volumes match.
 
 use burn::tensor::{Int, Tensor, activation::log_softmax};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -18,7 +19,7 @@ const ROBUST_OFFSET: f32 = 0.01;
 const ROBUST_EXPONENT: f32 = 0.4;
 
 /// How the error of one flow vector is measured.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum FlowError {
     /// Euclidean length.
@@ -33,7 +34,7 @@ pub enum FlowError {
 /// # Source
 /// Spec 3.1. Departs: `matching_weight`, a cross-entropy on the cost volumes, because the flow error alone doesn't teach
 /// matching within minutes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FlowLossConfig {
     /// How the error of one flow vector is measured.
@@ -62,7 +63,7 @@ pub enum FlowLossConfigError {
         found: usize,
     },
     /// A weight below zero or no number.
-    #[error("a loss weight is {0}; weights are numbers of 0 or more")]
+    #[error("a loss weight (`level_weights`, `matching_weight`) is {0}; weights are numbers of 0 or more")]
     Weight(f32),
 }
 

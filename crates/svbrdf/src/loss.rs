@@ -4,6 +4,7 @@ use burn::tensor::Tensor;
 use render::brdf::BrdfModel;
 use render::svbrdf::Svbrdf;
 use render::views::LossViews;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::net::Prediction;
@@ -14,7 +15,7 @@ const ALBEDO_FLOOR: f32 = 0.01;
 const RENDERING_SHARE: f32 = 9.0 / 15.0;
 
 /// How the renderings' errors are averaged.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum LossKind {
     /// L_r over the 9 diffuse and specular renderings and L_t over the 6 top renderings, each with its own weight (paper).
@@ -25,7 +26,7 @@ pub enum LossKind {
 }
 
 /// Factors of the three terms.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LossWeights {
     /// L_s, distance of the maps.
@@ -46,7 +47,7 @@ impl Default for LossWeights {
 }
 
 /// The loss of the SVBRDF net.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LossConfig {
     /// How the renderings' errors are averaged.

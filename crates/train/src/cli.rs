@@ -1,7 +1,7 @@
 //! The command line: from arguments to a run and an exit code.
 
 use crate::checkpoint::CheckpointError;
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, reference};
 use crate::device;
 use crate::export::{self, ExportError};
 use crate::import::{self, ImportError};
@@ -12,6 +12,7 @@ use crate::run_folder::{FolderError, RunFolder};
 use crate::stage::plan::{CHAIRS, no_released_weights, released_weights};
 use crate::sweep::{self, SweepArguments};
 use crate::taken::TakenError;
+use crate::watch::{self, WatchArguments, WatchError};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use dataset::material::MaterialLibrary;
@@ -68,6 +69,14 @@ enum Task {
     Sweep(SweepArguments),
     /// Writes the nets of a finished run for other programs: safetensors, manifest, model card, PyTorch loader.
     Export(ExportArguments),
+    /// Shows how a run is getting on and its curves, in the terminal.
+    Watch(WatchArguments),
+    /// Prints the reference of all config keys as Markdown (docs/config.md).
+    ConfigReference {
+        /// As a JSON Schema, for editors that complete and check TOML.
+        #[arg(long)]
+        schema: bool,
+    },
     /// Reads PWC-Net as Sun et al. published it from a PyTorch checkpoint into a folder of weights.
     Import(ImportArguments),
 }
@@ -128,6 +137,8 @@ pub(crate) enum Failure {
     Export(ExportError),
     #[error(transparent)]
     Import(ImportError),
+    #[error(transparent)]
+    Watch(WatchError),
     /// A sweep that ends without a table, or an engine that doesn't take it.
     #[error("{0}")]
     Sweep(String),
@@ -142,6 +153,15 @@ impl From<ExportError> for Failure {
 impl From<ImportError> for Failure {
     fn from(error: ImportError) -> Self {
         if error.is_usage() { Self::Usage(error.to_string()) } else { Self::Import(error) }
+    }
+}
+
+impl From<WatchError> for Failure {
+    fn from(error: WatchError) -> Self {
+        match error {
+            WatchError::Absent { .. } | WatchError::NoStage { .. } => Self::Usage(error.to_string()),
+            WatchError::Io { .. } => Self::Watch(error),
+        }
     }
 }
 
@@ -195,8 +215,16 @@ fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         Some(Task::Export(arguments)) => export(arguments),
         Some(Task::Import(arguments)) => import(arguments),
         Some(Task::Sweep(arguments)) => sweep::run(arguments),
+        Some(Task::Watch(arguments)) => Ok(watch::run(arguments).map(|()| ExitCode::SUCCESS)?),
+        Some(Task::ConfigReference { schema }) => print_reference(*schema),
         None => train(arguments),
     }
+}
+
+fn print_reference(schema: bool) -> Result<ExitCode, Failure> {
+    let text = if schema { pretty(&reference::schema()).map_err(RunError::Io)? } else { reference::markdown() };
+    print!("{text}");
+    Ok(ExitCode::SUCCESS)
 }
 
 fn export(arguments: &ExportArguments) -> Result<ExitCode, Failure> {
@@ -315,7 +343,7 @@ fn resumed_config(run: &Path, assignments: &[String]) -> Result<Config, Failure>
     }
     let (before, now) = (Config::from_file(&path, &[])?, Config::from_file(&path, assignments)?);
     if pipeline::fingerprint(&before) != pipeline::fingerprint(&now) {
-        let message = "a resumed run continues as it began: of the config only run.data_workers, run.on_nan, run.material_cache_mib, checkpoint.* and report.* may be set anew; start a new run with `--config` for other values";
+        let message = "a resumed run continues as it began: of the config only run.data_workers, run.on_nan, run.material_cache_mib, histogram_every, checkpoint.* and report.* may be set anew; start a new run with `--config` for other values";
         return Err(Failure::Usage(message.into()));
     }
     Ok(now)

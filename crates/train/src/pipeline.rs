@@ -3,7 +3,7 @@
 use crate::checkpoint::{CheckpointError, Store};
 use crate::config::Config;
 use crate::finished::{Finished, FinishedStage};
-use crate::recorder::{Metrics, Previews, Recorder, TensorBoard};
+use crate::recorder::{Metrics, Previews, Recorder, StatusFile, TensorBoard};
 use crate::report;
 use crate::run_folder::{FolderError, RunFolder};
 use crate::run_loop::{Outcome, Surroundings, TrainError, Trained, train};
@@ -134,8 +134,11 @@ pub fn part_fingerprint(config: &Config, part: Part) -> String {
     fingerprint(&deciding)
 }
 
+/// Histograms decide nothing of the results; left out as a line, so that checkpoints from before there were any stay valid.
 fn digest(config: &Config) -> String {
-    Sha256::digest(config.to_toml()).iter().map(|byte| format!("{byte:02x}")).collect()
+    let text = config.to_toml();
+    let deciding: String = text.split_inclusive('\n').filter(|line| !line.starts_with("histogram_every = ")).collect();
+    Sha256::digest(deciding).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Stages that depend on each other, and on no stage of the other part.
@@ -187,6 +190,7 @@ impl Pipeline<'_> {
             Box::new(Metrics::open(&self.folder.metrics())?),
             Box::new(Previews { folder: self.folder.previews() }),
             Box::new(TensorBoard::new(&self.folder.tensorboard())),
+            Box::new(StatusFile::new(self.folder.path())),
         ];
         for name in Part::Flow.trained(self.config) {
             if finished.has(name) {

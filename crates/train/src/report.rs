@@ -1,4 +1,4 @@
-//! `report.json`: what the run reached on materials it never saw, and what it cost.
+//! `report.json`: what the run reached on materials it never saw, and what it cost; `report.html` shows it.
 
 use crate::config::{Config, ReportFlow};
 use crate::finished::Finished;
@@ -92,7 +92,7 @@ pub struct NoFlowNets {
     found: String,
 }
 
-/// Writes `report.json`; the figures of the evaluation stand above those that single stages measured.
+/// Writes `report.json` and `report.html`; the figures of the evaluation stand above those that single stages measured.
 ///
 /// # Errors
 /// The system's refusal.
@@ -120,7 +120,9 @@ pub fn write(
     let skipped: usize = finished.stages.iter().map(|stage| stage.skipped.len()).sum();
     report.insert("skipped_batches".into(), json!(skipped));
     report.insert("stages".into(), json!(finished.stages));
+    let page = crate::page::html(folder.path(), config, finished, &report)?;
     folder.write("report.json", &pretty(&Value::Object(report))?)?;
+    folder.write("report.html", &page)?;
     Ok(())
 }
 

@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 
 /// Everything the program itself puts into a run folder; `--force` removes these and nothing else. `run.json` goes first: a
 /// folder without it can't be resumed, so a kill in the middle leaves nothing that looks like a run.
-const OWN: [&str; 12] = [
+const OWN: [&str; 14] = [
     "run.json",
     "config.toml",
     "materials.json",
     "progress.json",
+    "status.json",
     "metrics.jsonl",
     "tb",
     "previews",
@@ -18,6 +19,7 @@ const OWN: [&str; 12] = [
     "weights",
     "failures",
     "report.json",
+    "report.html",
     "report",
 ];
 const LOCK: &str = "run.lock";

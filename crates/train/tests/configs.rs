@@ -30,6 +30,16 @@ fn every_config_in_the_repository_loads_and_survives_being_written_out() {
 }
 
 #[test]
+fn the_reference_page_is_what_the_program_prints() {
+    let path = folder().join("../docs/config.md");
+    let page = std::fs::read_to_string(path).unwrap();
+    assert!(
+        page == train::config::reference::markdown(),
+        "docs/config.md is old: make it anew with `cargo run -p train -- config-reference > docs/config.md`"
+    );
+}
+
+#[test]
 fn the_ablation_is_the_papers_table_2() {
     let sweep = Sweep::load("ablation", &[]).unwrap();
     let row = |name: &str| &sweep.members.iter().find(|member| member.row == name).unwrap().config;

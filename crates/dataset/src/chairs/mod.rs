@@ -19,6 +19,7 @@ use rayon::prelude::*;
 use render::brdf::BrdfModel;
 use render::light::{Light, radiance};
 use render::sensor::expose;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::material::Material;
@@ -30,17 +31,20 @@ use crate::stream::Stream;
 use layer::{Affine, Layer};
 
 /// What pairs to make.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ChairsConfig {
     /// Side of the images.
+    #[schemars(extend("unit" = "pixels"))]
     pub resolution: usize,
     /// Range of the number of foreground shapes.
     pub shapes: [usize; 2],
     /// Standard deviation of the background's translation, per axis, in pixels; 11 gives a mean displacement of about
     /// 15 px, as between neighbouring frames of a scan (§4).
+    #[schemars(extend("unit" = "pixels"))]
     pub background_px: f64,
     /// Standard deviation of a shape's translation relative to the background, per axis, in pixels.
+    #[schemars(extend("unit" = "pixels"))]
     pub shape_px: f64,
     /// Multiplies the sensor noise of §4; 0 switches it off.
     pub noise_scale: f32,

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use rand::{Rng, RngExt};
 use render::block::{LANES, Lane, TexelBlock};
 use render::texel::Texel;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::perlin::PerlinMask;
@@ -22,18 +23,21 @@ const PERLIN_ROUGHNESS: [f32; 2] = [0.1, 0.4];
 const PERLIN_DIFFUSE: [f32; 2] = [0.0, 0.1];
 
 /// How materials are varied. The defaults are the recipe of the SVBRDF net; `perlin = 0` is that of the flow nets.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AugmentConfig {
     /// Probability of each of: horizontal flip, vertical flip, transpose.
+    #[schemars(extend("unit" = "probability"))]
     pub flip: f64,
     /// Range of the factors on diffuse, specular and roughness; the upper end is lowered where a map would exceed 1.
     pub scale: [f32; 2],
     /// f in r ← (1 − f)·r + f: the smallest roughness that frames show.
     pub roughness_floor: f32,
     /// Probability of the Perlin specular layer on a material whose specular stays below 0.1.
+    #[schemars(extend("unit" = "probability"))]
     pub perlin: f64,
     /// Range of the Perlin wavelength in texels of the 4096² grid; \[16, 48\] in the paper's text, \[16, 64\] in its code.
+    #[schemars(extend("unit" = "texels"))]
     pub perlin_wavelength: [f32; 2],
     /// How many different Perlin masks there are.
     pub perlin_masks: u32,

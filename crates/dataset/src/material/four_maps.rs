@@ -2,6 +2,7 @@
 //! [`super::npy`] share.
 
 use render::texel::Texel;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::decoding::{self, ColourTable};
@@ -11,7 +12,7 @@ use crate::image_io::Samples;
 
 /// How a file stores its albedos. Versions of one data set differ in it and no file says which it is, so the config must:
 /// read the wrong way, every albedo is too dark or too bright.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum AlbedoEncoding {
     /// Stored = linear^(1/2.2), as pictures are: greys look evenly spaced in an image viewer.

@@ -2,6 +2,7 @@
 
 use render::block::{Lane, TexelBlock};
 use render::texel::Texel;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::encoding::{LANES, Lanes, ROUGHNESS, SPECULAR, STORED, Stored, lanes_of, texel_of};
@@ -17,7 +18,7 @@ pub const MAX_BYTES: usize = 200_000_000;
 pub const MAX_STORED_SIDE: usize = GRID;
 
 /// How a tile continues beyond its edge.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Wrap {
     /// The tile repeats: right for tileable maps.

@@ -1,12 +1,13 @@
 //! The straight up-down line, the paper's second template (Fig. 4); it trains the SVBRDF net only.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// How far the line reaches to either side, in template units.
 pub const REACH: f64 = 22.0;
 
 /// In which order the points of the line are visited.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LineOrder {
     /// A scan that a hand can do: from 0 up to +22, down to −22, back to 0.

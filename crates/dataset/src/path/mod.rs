@@ -10,6 +10,7 @@ pub mod zigzag;
 
 use rand::{Rng, RngExt};
 use render::camera::Camera;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use jitter::{CameraJitter, Deviation};
@@ -28,7 +29,7 @@ const MOST_FRAMES: f64 = 1e5;
 const UNITS_PER_HALF_VIEW: f64 = 12.0;
 
 /// The shape of a scan.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Template {
     /// Square spiral (Fig. 4): both flow nets and the SVBRDF net.
@@ -41,7 +42,7 @@ pub enum Template {
 }
 
 /// How long a template unit is in the world.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum UnitLength {
     /// U\[0.8, 1.2\]·ξ/12, as the authors' released code has it: steps are a share of the view.
@@ -52,12 +53,13 @@ pub enum UnitLength {
 }
 
 /// What paths to draw.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PathConfig {
     /// The template of a video that isn't a line.
     pub template: Template,
     /// Probability of the line instead of `template` (paper: 1/3 for the SVBRDF net, 0 for the flow nets).
+    #[schemars(extend("unit" = "probability"))]
     pub line_share: f64,
     /// In which order a line is visited.
     pub line_order: LineOrder,
@@ -71,6 +73,7 @@ pub struct PathConfig {
     /// Frames per frame of the original path (Table 5: 4, 2, 0.5); the path itself stays the same.
     pub frame_rate: f64,
     /// Frames of the path at frame rate 1; the spiral has 141 points.
+    #[schemars(extend("unit" = "frames"))]
     pub frames: usize,
 }
 

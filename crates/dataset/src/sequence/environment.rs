@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use rand::{Rng, RngExt};
 use render::environment::{Environment, EnvironmentError};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::image_io::{ImageError, Picture, Samples};
@@ -13,7 +14,7 @@ use crate::image_io::{ImageError, Picture, Samples};
 const ROWS: usize = 64;
 
 /// A file of a config, or a folder of files; read once, at the first use, for all clones.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(from = "PathBuf", into = "PathBuf")]
 pub struct EnvironmentMaps {
     path: PathBuf,

@@ -5,6 +5,7 @@ use rand_distr::{Distribution, LogNormal};
 use render::camera::Camera;
 use render::environment::Environment;
 use render::light::Light;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::environment::EnvironmentMaps;
@@ -27,7 +28,7 @@ const SECOND_LEAST_Z: f64 = 0.3;
 const ENVIRONMENT_LIGHTS: usize = 8;
 
 /// How a video is lit.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Lighting {
     /// The SVBRDF net's: only the flash, I = 0.1·(d0/0.28)², so that every height is exposed alike.
@@ -40,13 +41,14 @@ pub enum Lighting {
 }
 
 /// What the lights of a video are drawn from.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LightConfig {
     /// Flash and second light.
     pub kind: Lighting,
     /// Range of the environment's irradiance as a share of the flash's at the frame centre (Table 5: 0.01 to 0.2);
     /// \[0, 0\] is the paper's dark room.
+    #[schemars(extend("unit" = "share of the flash"))]
     pub ambient: [f64; 2],
     /// Where environments come from when there is `ambient` light: a lat-long EXR or Radiance HDR file, or a folder of such
     /// (z up), each turned at random; generated skies when empty.

@@ -22,6 +22,7 @@ use render::brdf::BrdfModel;
 use render::camera::Camera;
 use render::light::Light;
 use render::sensor::expose;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::material::augment::{AugmentConfig, AugmentError, Augmentation, AugmentedMaterial};
@@ -39,7 +40,7 @@ use warp::FrameGeometry;
 pub use warp::{BentWarp, FrameWarp};
 
 /// What videos to make.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SequenceConfig {
     /// The camera's way.

@@ -1,6 +1,9 @@
 //! A comparison as a picture: one panel per figure, one line per variant.
 
+use scan::html::escape;
+
 use super::{Cell, Comparison, heading};
+use crate::plot::{Axis, GRID, MAIN as REFERENCE, SOFT as UNCERTAIN, Scale};
 
 /// Panels beside each other.
 const COLUMNS: usize = 2;
@@ -12,10 +15,8 @@ const BOTTOM: f64 = 34.0;
 const MARGIN: f64 = 24.0;
 /// Least difference that an axis shows, as a share of its values: smaller ones are rounding.
 const LEAST_ROOM: f64 = 0.02;
-/// Dark enough on white for everyone, told apart by lightness too.
-const REFERENCE: &str = "#20639b";
+/// Dark enough on white for everyone, told apart from the reference by lightness too.
 const CERTAIN: &str = "#b3361b";
-const UNCERTAIN: &str = "#6b6b6b";
 
 /// Means with their intervals, single seeds as small dots, the reference's mean as a line through all variants.
 pub fn svg(comparison: &Comparison) -> String {
@@ -55,14 +56,14 @@ fn labels(comparison: &Comparison, y: f64) -> String {
 fn panel_of(comparison: &Comparison, figure: usize, x: f64, y: f64) -> String {
     let cells: Vec<(usize, &Cell)> =
         comparison.cells.iter().enumerate().filter_map(|(row, cells)| Some((row, cells[figure].as_ref()?))).collect();
-    let axis = Axis::over(cells.iter().map(|(_, cell)| *cell), x + 18.0, x + PANEL_WIDTH - 18.0);
+    let axis = axis_over(cells.iter().map(|(_, cell)| *cell), [x + 18.0, x + PANEL_WIDTH - 18.0]);
     let (top, bottom) = (y + TOP - 6.0, y + TOP + comparison.cells.len() as f64 * LINE + 2.0);
     let title = escape(heading(&comparison.question.figures[figure]));
-    let mut text = format!("<text x=\"{:.1}\" y=\"{:.1}\" font-weight=\"bold\">{title}</text>\n", axis.left, y + 16.0);
+    let mut text = format!("<text x=\"{:.1}\" y=\"{:.1}\" font-weight=\"bold\">{title}</text>\n", axis.ends[0], y + 16.0);
     for (value, label) in axis.ticks() {
         let at = axis.place(value);
         text += &format!(
-            "<line x1=\"{at:.1}\" y1=\"{top:.1}\" x2=\"{at:.1}\" y2=\"{bottom:.1}\" stroke=\"#e4e4e4\"/><text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\" font-size=\"11\" fill=\"{UNCERTAIN}\">{label}</text>\n",
+            "<line x1=\"{at:.1}\" y1=\"{top:.1}\" x2=\"{at:.1}\" y2=\"{bottom:.1}\" stroke=\"{GRID}\"/><text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\" font-size=\"11\" fill=\"{UNCERTAIN}\">{label}</text>\n",
             bottom + 14.0
         );
     }
@@ -119,52 +120,17 @@ fn centre(y: f64, row: usize) -> f64 {
     y + TOP + (row as f64 + 0.5) * LINE
 }
 
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
-}
-
-/// From values to places on the paper.
-struct Axis {
-    low: f64,
-    high: f64,
-    left: f64,
-    right: f64,
-}
-
-impl Axis {
-    /// Covers means, single seeds, and intervals as far as they don't dwarf everything else.
-    fn over<'a>(cells: impl Iterator<Item = &'a Cell> + Clone, left: f64, right: f64) -> Self {
-        let values = cells.clone().flat_map(|cell| cell.seeds.iter().map(|(_, value)| *value));
-        let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)));
-        let room = (high - low).max(LEAST_ROOM * high.abs()).max(1e-9);
-        let ends = cells.flat_map(|cell| {
-            let half = cell.mean.half_width.unwrap_or(0.0);
-            [cell.mean.value - half, cell.mean.value + half]
-        });
-        let (first, last) = ends.fold((low, high), |(low, high), value| (low.min(value), high.max(value)));
-        let (low, high) = (first.max(low - 0.5 * room), last.min(high + 0.5 * room));
-        let margin = 0.04 * room + (room - (high - low)).max(0.0) / 2.0;
-        Self { low: low - margin, high: high + margin, left, right }
-    }
-
-    fn covers(&self, value: f64) -> bool {
-        (self.low..=self.high).contains(&value)
-    }
-
-    /// Values beyond the ends stand at the ends.
-    fn place(&self, value: f64) -> f64 {
-        let share = (value - self.low) / (self.high - self.low);
-        self.left + share.clamp(0.0, 1.0) * (self.right - self.left)
-    }
-
-    /// Three to six round values.
-    fn ticks(&self) -> Vec<(f64, String)> {
-        let raw = (self.high - self.low) / 4.0;
-        let power = 10f64.powf(raw.log10().floor());
-        let step = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * power).into_iter().find(|step| *step >= raw).unwrap_or(raw);
-        let digits = (-step.log10().floor()).max(0.0) as usize;
-        let first = (self.low / step).ceil() as i64;
-        let ticks = (first..).map(|i| i as f64 * step).take_while(|value| *value <= self.high);
-        ticks.map(|value| (value, format!("{value:.digits$}"))).collect()
-    }
+/// Covers means, single seeds, and intervals as far as they don't dwarf everything else.
+fn axis_over<'a>(cells: impl Iterator<Item = &'a Cell> + Clone, ends: [f64; 2]) -> Axis {
+    let values = cells.clone().flat_map(|cell| cell.seeds.iter().map(|(_, value)| *value));
+    let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)));
+    let room = (high - low).max(LEAST_ROOM * high.abs()).max(1e-9);
+    let intervals = cells.flat_map(|cell| {
+        let half = cell.mean.half_width.unwrap_or(0.0);
+        [cell.mean.value - half, cell.mean.value + half]
+    });
+    let (first, last) = intervals.fold((low, high), |(low, high), value| (low.min(value), high.max(value)));
+    let (low, high) = (first.max(low - 0.5 * room), last.min(high + 0.5 * room));
+    let margin = 0.04 * room + (room - (high - low)).max(0.0) / 2.0;
+    Axis::new(Scale::Linear, [low - margin, high + margin], ends)
 }

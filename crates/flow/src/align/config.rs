@@ -1,17 +1,28 @@
 //! Switches and limits of the alignment.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::result::AlignError;
+
+/// Frames below this side can't be aligned.
+pub(super) const SMALLEST_SIDE: usize = 32;
+/// Frames above this side don't fit into memory as a scan.
+const LARGEST_SIDE: usize = 8192;
+
 /// What the alignment does; every part of it can be switched off for an ablation.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct AlignConfig {
     /// Every how many frames a key frame is taken (paper §5: 5).
+    #[schemars(extend("unit" = "frames"))]
     pub key_frame_step: usize,
     /// Shorter side, in pixels, of the area-downsampled frames on which neighbouring frames are aligned (paper §5: 256).
+    #[schemars(extend("unit" = "pixels"))]
     pub size: usize,
     /// Shorter side, in pixels, of the frames on which a key frame is refined against the guidance image; frames that are
     /// smaller keep their own size.
+    #[schemars(extend("unit" = "pixels"))]
     pub refine_size: usize,
     /// How a chained warp is made regular before the next step builds on it.
     pub regularise: Regularise,
@@ -49,8 +60,36 @@ impl Default for AlignConfig {
     }
 }
 
+impl AlignConfig {
+    /// Checks every value by itself; whether a net is there is for the aligner to see.
+    ///
+    /// # Errors
+    /// [`AlignError::Config`] for the first value that can't work.
+    pub fn validate(&self) -> Result<(), AlignError> {
+        let require = |holds: bool, name, found: &dyn std::fmt::Display, expected| {
+            if holds { Ok(()) } else { Err(AlignError::Config { name, found: found.to_string(), expected }) }
+        };
+        let step = self.key_frame_step;
+        require((1..=10_000).contains(&step), "key_frame_step", &step, "every 1st to 10 000th frame (paper: 5)")?;
+        let sides = SMALLEST_SIDE..=LARGEST_SIDE;
+        require(sides.contains(&self.size), "size", &self.size, "32 to 8192 pixels (paper: 256)")?;
+        let fits = sides.contains(&self.refine_size) && self.refine_size >= self.size;
+        require(fits, "refine_size", &self.refine_size, "32 to 8192 pixels, and not below `size`")?;
+        let PhotometricConfig { iterations, mean_sigma_px, contrast_sigma_px, contrast_floor, chroma, .. } = self.photometric;
+        require(iterations <= 1000, "photometric.iterations", &iterations, "0 to 1000 steps")?;
+        for (name, sigma) in
+            [("photometric.mean_sigma_px", mean_sigma_px), ("photometric.contrast_sigma_px", contrast_sigma_px)]
+        {
+            require((0.1..=100.0).contains(&sigma), name, &sigma, "0.1 to 100 pixels")?;
+        }
+        let floor = contrast_floor > 0.0 && contrast_floor <= 1.0;
+        require(floor, "photometric.contrast_floor", &contrast_floor, "a contrast above 0 and up to 1")?;
+        require((0.0..=100.0).contains(&chroma), "photometric.chroma", &chroma, "a weight from 0 to 100")
+    }
+}
+
 /// How a chained warp is made regular (paper §5, "pose estimation").
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Regularise {
     /// A robust homography: exact for a planar sample, needs no field of view.
@@ -63,7 +102,7 @@ pub enum Regularise {
 }
 
 /// The guesses of a step between two frames.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CandidateSwitches {
     /// The homography that fits the `adjacent` net's flow.
@@ -83,7 +122,7 @@ impl Default for CandidateSwitches {
 }
 
 /// The direct photometric refinement ([`super::photometric`]).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PhotometricConfig {
     /// Whether homographies are refined on the pixels at all.
@@ -91,8 +130,10 @@ pub struct PhotometricConfig {
     /// Gauss–Newton steps per pyramid level, at most.
     pub iterations: usize,
     /// Standard deviation, in pixels, of the Gaussian whose mean is subtracted.
+    #[schemars(extend("unit" = "pixels"))]
     pub mean_sigma_px: f32,
     /// Standard deviation, in pixels, of the Gaussian over which the local contrast is measured.
+    #[schemars(extend("unit" = "pixels"))]
     pub contrast_sigma_px: f32,
     /// Contrast (of gamma-encoded values) that counts as noise: local contrast is divided by `deviation + floor`.
     pub contrast_floor: f32,
@@ -103,5 +144,32 @@ pub struct PhotometricConfig {
 impl Default for PhotometricConfig {
     fn default() -> Self {
         Self { enabled: true, iterations: 12, mean_sigma_px: 4.0, contrast_sigma_px: 8.0, contrast_floor: 0.01, chroma: 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn impossible_values_are_named() {
+        AlignConfig::default().validate().unwrap();
+        let photometric = |change: fn(&mut PhotometricConfig)| {
+            let mut config = AlignConfig::default();
+            change(&mut config.photometric);
+            config
+        };
+        for (config, expected) in [
+            (AlignConfig { key_frame_step: 0, ..AlignConfig::default() }, "align.key_frame_step = 0: "),
+            (AlignConfig { size: 8, ..AlignConfig::default() }, "align.size = 8: 32 to 8192"),
+            (AlignConfig { refine_size: 64, ..AlignConfig::default() }, "align.refine_size = 64: "),
+            (photometric(|p| p.iterations = 1 << 40), "photometric.iterations"),
+            (photometric(|p| p.contrast_sigma_px = f32::NAN), "photometric.contrast_sigma_px = NaN: 0.1 to 100"),
+            (photometric(|p| p.contrast_floor = 0.0), "photometric.contrast_floor = 0"),
+            (photometric(|p| p.chroma = -1.0), "photometric.chroma = -1"),
+        ] {
+            let error = config.validate().unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        }
     }
 }

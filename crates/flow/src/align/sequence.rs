@@ -6,15 +6,12 @@ use ops::planes::Planes;
 
 use super::FlowEstimator;
 use super::compose::FlowField;
-use super::config::{AlignConfig, Regularise};
+use super::config::{AlignConfig, Regularise, SMALLEST_SIDE};
 use super::dense;
 use super::footage::{Footage, described};
 use super::result::{AlignError, Alignment, Seconds, Warning};
 use super::scan::Scan;
 use super::track::Tracker;
-
-/// Frames below this side can't be aligned.
-const SMALLEST_SIDE: usize = 32;
 
 /// Aligns scans; holds the nets, where there are any.
 pub struct Aligner<'a> {
@@ -74,13 +71,7 @@ impl Aligner<'_> {
 
     fn check_config(&self) -> Result<(), AlignError> {
         let config = |name, found: String, expected| Err(AlignError::Config { name, found, expected });
-        if self.config.key_frame_step == 0 {
-            return config("key_frame_step", "0".into(), "take every 1st, 2nd, … frame as a key frame (paper: 5)");
-        }
-        if self.config.size < SMALLEST_SIDE || self.config.refine_size < self.config.size {
-            let found = format!("{}, refine_size = {}", self.config.size, self.config.refine_size);
-            return config("size", found, "need 32 ≤ size ≤ refine_size (paper: 256)");
-        }
+        self.config.validate()?;
         let chained = match self.config.regularise {
             Regularise::Homography => None,
             Regularise::Pnp => Some("pnp"),

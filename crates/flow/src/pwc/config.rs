@@ -2,6 +2,7 @@
 
 use burn::tensor::Device;
 use rand::Rng;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -17,7 +18,7 @@ use super::{
 const LONGEST_ESTIMATOR: usize = 16;
 
 /// What the pyramid sees.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Input {
     /// Gamma-encoded RGB as it comes.
@@ -28,7 +29,7 @@ pub enum Input {
 }
 
 /// What a convolution of an estimator sees.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Connections {
     /// The output of the convolution before it. The context net sees the last one and the flow.
@@ -50,7 +51,7 @@ impl Connections {
 }
 
 /// How a level's flow and features reach the next finer level.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Upsampling {
     /// By interpolation.
@@ -61,7 +62,7 @@ pub enum Upsampling {
 }
 
 /// What an estimator predicts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Prediction {
     /// What the upsampled flow lacks.
@@ -76,10 +77,11 @@ pub enum Prediction {
 /// # Source
 /// Sun et al. 2018; spec 3.1. Departs: `match_head`, `feature_normalisation` and `input = "local-contrast"` (all off by
 /// default) teach matching within minutes instead of days.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PwcConfig {
     /// Feature channels per pyramid level, finest (half resolution) first.
+    #[schemars(extend("unit" = "channels"))]
     pub channels: Vec<usize>,
     /// Convolutions per pyramid level; the first one halves.
     pub convs_per_level: usize,
@@ -94,6 +96,7 @@ pub struct PwcConfig {
     /// The coarsest estimator sees the first image's features beside the cost volume, as the finer ones do.
     pub coarsest_features: bool,
     /// Radius of the cost volume in pixels of the level.
+    #[schemars(extend("unit" = "pixels of a level"))]
     pub radius: usize,
     /// Widths of the context net's dilated convolutions (dilations 1, 2, 4, 8, 16, 1); empty: no context net.
     pub context: Vec<usize>,

@@ -15,6 +15,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor};
 use rand_chacha::ChaCha8Rng;
 use render::svbrdf::{Svbrdf, SvbrdfImage};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use decoder::Features;
@@ -43,7 +44,7 @@ const PAPER_WIDTH: usize = 64;
 const NARROWEST_HEAD: usize = 16;
 
 /// What keeps the size of activations in check.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Normalisation {
     /// Filters of unit norm (paper Eq. 5).
@@ -53,7 +54,7 @@ pub enum Normalisation {
 }
 
 /// How frames come together.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Fusion {
     /// Features are warped into the guidance frame; invalid ones take no part (the paper's method).
@@ -65,7 +66,7 @@ pub enum Fusion {
 }
 
 /// Whether the head sees the frames' colours beside the U-Net's features.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum PixelFeatures {
     /// Only the U-Net's features (paper).
@@ -76,7 +77,7 @@ pub enum PixelFeatures {
 }
 
 /// Where the outputs start before any training.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum OutputStart {
     /// Zero bias: mid-grey albedos and roughness, flat normals (paper).
@@ -88,7 +89,7 @@ pub enum OutputStart {
 }
 
 /// Initial state of the last layer.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct OutputConfig {
     /// Initial bias.
@@ -104,7 +105,7 @@ impl Default for OutputConfig {
 }
 
 /// The net's shape. The defaults are the paper's.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SvbrdfNetConfig {
     /// Features per pixel and unit of all widths (64 in the paper).
@@ -123,6 +124,7 @@ pub struct SvbrdfNetConfig {
     /// What reduces the frames to one.
     pub pooling: Pooling,
     /// Share of values dropped in the three innermost decoder blocks while training; small budgets want 0.
+    #[schemars(extend("unit" = "share of values"))]
     pub dropout: f32,
     /// Initial state of the last layer.
     pub output: OutputConfig,

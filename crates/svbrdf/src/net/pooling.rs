@@ -1,12 +1,13 @@
 //! Poolings of frames that arrive one after another: what is kept of them doesn't grow with their number.
 
 use burn::tensor::Tensor;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Features;
 
 /// What reduces the frames' features to one. Beside the paper's maximum these are variants for ablations.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Pooling {
     /// Element-wise maximum (paper §6).

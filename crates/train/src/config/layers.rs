@@ -153,9 +153,13 @@ fn overlay(base: &mut toml::Table, top: &toml::Table) {
 /// Shows an impossible value at the place of the topmost layer that wrote it (or the table it stands in).
 pub fn locate(layers: &[Layer], problem: &Invalid) -> Diagnosis {
     let help = Vec::from_iter(problem.expected.clone());
-    for layer in layers.iter().rev() {
-        if let Some(span) = layer.span(&problem.key) {
-            return Diagnosis::at(&layer.origin, &layer.text, Some(span), problem.found.clone(), help);
+    // What the owner of a table says about it names the key inside.
+    let words = problem.found.split(|c: char| !(c.is_alphanumeric() || "_.".contains(c))).filter(|word| !word.is_empty());
+    for key in words.map(|word| format!("{}.{word}", problem.key)).chain([problem.key.clone()]) {
+        for layer in layers.iter().rev() {
+            if let Some(span) = layer.span(&key) {
+                return Diagnosis::at(&layer.origin, &layer.text, Some(span), problem.found.clone(), help);
+            }
         }
     }
     Diagnosis::at("default", "", None, problem.found.clone(), help)

@@ -8,6 +8,7 @@ pub(crate) mod diagnosis;
 pub(crate) mod layers;
 mod lookup;
 mod optimisation;
+pub mod reference;
 mod tables;
 mod validate;
 

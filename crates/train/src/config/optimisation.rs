@@ -1,9 +1,10 @@
 //! How the weights of a stage move: schedule, optimiser, intervals, teacher forcing.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// How the learning rate runs over a stage.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Schedule {
     /// A linear ramp over `warm_up` steps, then constant (paper §6).
@@ -14,7 +15,7 @@ pub enum Schedule {
 }
 
 /// Adam's constants.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Adam {
     /// Decay of the first moment.
@@ -32,7 +33,7 @@ impl Default for Adam {
 }
 
 /// How a stage's weights move and how often the run reports.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Optimisation {
     /// Peak learning rate.
@@ -40,6 +41,7 @@ pub struct Optimisation {
     /// Its course.
     pub schedule: Schedule,
     /// Steps of the ramp at the start.
+    #[schemars(extend("unit" = "steps"))]
     pub warm_up: usize,
     /// Adam's constants.
     pub adam: Adam,
@@ -48,13 +50,19 @@ pub struct Optimisation {
     /// Largest norm of the whole gradient; 0 clips nothing.
     pub clip: f64,
     /// Batches whose gradients are averaged into one step.
+    #[schemars(extend("unit" = "batches"))]
     pub accumulate: usize,
     /// Decay of the moving average of the weights that evaluation uses; 0 keeps none.
     pub ema: f64,
     /// Steps between two rows of preview pictures.
+    #[schemars(extend("unit" = "steps"))]
     pub preview_every: usize,
     /// Steps between two measurements on held-out materials; 0 measures only at the end.
+    #[schemars(extend("unit" = "steps"))]
     pub validate_every: usize,
+    /// Steps between two histograms of the weights and gradients of every layer for TensorBoard; 0 makes none.
+    #[schemars(extend("unit" = "steps"))]
+    pub histogram_every: usize,
 }
 
 impl Default for Optimisation {
@@ -70,17 +78,20 @@ impl Default for Optimisation {
             ema: 0.0,
             preview_every: 200,
             validate_every: 200,
+            histogram_every: 200,
         }
     }
 }
 
 /// How a flow net is taught, whatever the pairs.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Teaching {
     /// Probability at the start that a level begins from the true flow instead of the coarser level's.
+    #[schemars(extend("unit" = "probability"))]
     pub forcing: f64,
     /// Share of the stage after which that probability has fallen to zero.
+    #[schemars(extend("unit" = "share of the steps"))]
     pub until: f64,
 }
 

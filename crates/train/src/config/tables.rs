@@ -9,12 +9,13 @@ use dataset::sequence::SequenceConfig;
 use evaluate::synthetic::SyntheticConfig;
 use flow::loss::FlowLossConfig;
 use flow::pwc::PwcConfig;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use svbrdf::loss::LossConfig;
 use svbrdf::net::SvbrdfNetConfig;
 
 /// Everything a run is made of.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
     /// The config below this one, by name or path; gone once the layers are merged.
@@ -59,7 +60,7 @@ impl Default for Config {
 }
 
 /// What a non-finite loss leads to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum OnNan {
     /// The run ends with the step, the term and the dumped exemplar.
@@ -70,7 +71,7 @@ pub enum OnNan {
 }
 
 /// `[run]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Run {
     /// Name of the run folder below `runs/`; the config's file name when empty.
@@ -78,10 +79,12 @@ pub struct Run {
     /// The one seed that every random stream is derived from.
     pub seed: u64,
     /// Threads that prepare batches; the results don't depend on it.
+    #[schemars(extend("unit" = "threads"))]
     pub data_workers: usize,
     /// What a non-finite loss leads to.
     pub on_nan: OnNan,
     /// Memory for decoded materials, in MiB.
+    #[schemars(extend("unit" = "MiB"))]
     pub material_cache_mib: usize,
 }
 
@@ -92,7 +95,7 @@ impl Default for Run {
 }
 
 /// Size of the flow nets.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum FlowSize {
     /// Half width, four levels, no context net: learns in minutes on a CPU.
@@ -105,7 +108,7 @@ pub enum FlowSize {
 }
 
 /// What the flow nets start from.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "String", into = "String")]
 pub enum FlowInit {
     /// The pre-trained net that ships in `weights/`.
@@ -143,7 +146,7 @@ impl From<FlowInit> for String {
 }
 
 /// `[flow]`
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct FlowTable {
     /// Size of the nets.
@@ -151,7 +154,8 @@ pub struct FlowTable {
     /// A whole architecture of one's own instead of `size`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub architecture: Option<PwcConfig>,
-    /// What they start from.
+    /// What they start from: `weights` (the pre-trained net that ships), `none` (random weights; the chairs stage trains them
+    /// first when it has steps) or the path of a safetensors file.
     pub init: FlowInit,
 }
 
@@ -178,10 +182,11 @@ fn flow_optimisation() -> Optimisation {
 }
 
 /// `[chairs]`: pre-training of the flow net.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ChairsStage {
     /// Optimiser steps; 0 leaves the stage out.
+    #[schemars(extend("unit" = "steps"))]
     pub steps: usize,
     /// Pairs in a batch.
     pub batch: usize,
@@ -189,6 +194,7 @@ pub struct ChairsStage {
     pub pairs: ChairsConfig,
     /// Share of the training pairs that are neighbouring frames of rendered scans (`adjacent.videos`) instead of moving shapes:
     /// shapes teach matching at any displacement, scans teach that highlights move but texture doesn't.
+    #[schemars(extend("unit" = "share of the pairs"))]
     pub rendered_share: f64,
     /// The loss.
     pub loss: FlowLossConfig,
@@ -216,10 +222,11 @@ impl Default for ChairsStage {
 }
 
 /// `[adjacent]`, `[distant]`: a stage that learns flow from frames of scanning videos.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PairStage {
     /// Optimiser steps; 0 leaves the stage out.
+    #[schemars(extend("unit" = "steps"))]
     pub steps: usize,
     /// Pairs in a batch.
     pub batch: usize,
@@ -256,10 +263,11 @@ impl Default for PairStage {
 }
 
 /// `[svbrdf]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SvbrdfStage {
     /// Optimiser steps; 0 leaves the stage out.
+    #[schemars(extend("unit" = "steps"))]
     pub steps: usize,
     /// The net.
     pub net: SvbrdfNetConfig,
@@ -300,7 +308,7 @@ impl Default for SvbrdfStage {
 }
 
 /// Which flow nets the report aligns with where the run trained none of its own.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(from = "String", into = "String")]
 pub enum ReportFlow {
     /// None: the alignment works with its classical candidates alone.
@@ -333,7 +341,7 @@ impl From<ReportFlow> for String {
 }
 
 /// `[report]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Report {
     /// Whether the trained nets are evaluated together on scans of held-out materials at the end.
@@ -351,10 +359,11 @@ impl Default for Report {
 }
 
 /// `[checkpoint]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Checkpointing {
     /// Steps between two checkpoints: what a `kill -9` can cost.
+    #[schemars(extend("unit" = "steps"))]
     pub every_steps: usize,
     /// Checkpoints of each stage that stay, the newest.
     pub keep_last: usize,

@@ -1,13 +1,17 @@
 //! Where the numbers and pictures of a run go.
 
 mod event_file;
+mod histogram;
 mod metrics;
 mod previews;
+mod status;
 mod tensorboard;
 
 pub use event_file::read_scalars;
+pub use histogram::{Histogram, Quantity};
 pub use metrics::{Metrics, read_steps};
 pub use previews::Previews;
+pub use status::{Status, StatusFile, StoredStatus};
 pub use tensorboard::TensorBoard;
 
 use image::RgbImage;
@@ -58,6 +62,22 @@ pub trait Recorder {
     /// The system's refusal to write.
     fn picture(&mut self, stage: &str, step: u64, name: &str, image: &RgbImage) -> io::Result<()>;
 
+    /// How the values of one layer are spread; recorders without a place for it pass it over.
+    ///
+    /// # Errors
+    /// The system's refusal to write.
+    fn histogram(&mut self, _stage: &str, _step: u64, _of: Quantity, _layer: &str, _found: &Histogram) -> io::Result<()> {
+        Ok(())
+    }
+
+    /// How the run is getting on, after every step; recorders that keep nothing of it pass it over.
+    ///
+    /// # Errors
+    /// The system's refusal to write.
+    fn status(&mut self, _status: &Status<'_>) -> io::Result<()> {
+        Ok(())
+    }
+
     /// Forgets what a stage reported after a step: the run goes on from there.
     ///
     /// # Errors
@@ -78,6 +98,14 @@ impl Recorder for Vec<Box<dyn Recorder>> {
 
     fn picture(&mut self, stage: &str, step: u64, name: &str, image: &RgbImage) -> io::Result<()> {
         self.iter_mut().try_for_each(|recorder| recorder.picture(stage, step, name, image))
+    }
+
+    fn histogram(&mut self, stage: &str, step: u64, of: Quantity, layer: &str, found: &Histogram) -> io::Result<()> {
+        self.iter_mut().try_for_each(|recorder| recorder.histogram(stage, step, of, layer, found))
+    }
+
+    fn status(&mut self, status: &Status<'_>) -> io::Result<()> {
+        self.iter_mut().try_for_each(|recorder| recorder.status(status))
     }
 
     fn rewind(&mut self, stage: &str, step: u64) -> io::Result<()> {

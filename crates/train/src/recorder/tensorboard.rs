@@ -3,14 +3,14 @@
 //! They are a convenience, so a failure to write them ends this recorder with one warning and the run goes on.
 
 use super::event_file::{self, EventFile};
-use super::{Kind, Recorder, Row};
+use super::{Histogram, Kind, Quantity, Recorder, Row};
 use image::RgbImage;
 use protobuf::Message;
 use std::io;
 use std::path::{Path, PathBuf};
 use tensorboard_rs::summary;
 
-/// Writes scalars and images as TensorBoard events.
+/// Writes scalars, images and histograms as TensorBoard events.
 pub struct TensorBoard {
     folder: PathBuf,
     /// Begun with the first event.
@@ -72,6 +72,15 @@ impl Recorder for TensorBoard {
         Ok(())
     }
 
+    fn histogram(&mut self, stage: &str, step: u64, of: Quantity, layer: &str, found: &Histogram) -> io::Result<()> {
+        let Histogram { least, sum, sum_of_squares, ends, counts } = found;
+        let largest = ends.last().copied().unwrap_or(*least);
+        let tag = format!("{stage}-{}/{layer}", of.name());
+        let number = counts.iter().sum();
+        self.add(&summary::histogram_raw(&tag, *least, largest, number, *sum, *sum_of_squares, ends, counts), step);
+        Ok(())
+    }
+
     /// TensorBoard shows every value of a step that it finds, so those that will be repeated go.
     fn rewind(&mut self, stage: &str, step: u64) -> io::Result<()> {
         self.flush()?;
@@ -92,29 +101,4 @@ impl Recorder for TensorBoard {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The 12-byte frame (length, CRC, payload, CRC) of every record must add up to the file.
-    #[test]
-    fn events_are_whole_records_with_tags_and_a_png() {
-        let home = tempfile::tempdir().unwrap();
-        let mut board = TensorBoard::new(home.path());
-        let values = [("loss".to_string(), 0.25)];
-        board.row(&Row { stage: "adjacent", step: 3, kind: Kind::Train, values: &values }).unwrap();
-        board.picture("adjacent", 3, "flow", &RgbImage::from_pixel(5, 2, image::Rgb([9, 8, 7]))).unwrap();
-        drop(board);
-        let file = std::fs::read_dir(home.path()).unwrap().next().unwrap().unwrap().path();
-        let bytes = std::fs::read(file).unwrap();
-        let (mut at, mut records) = (0, 0);
-        while at < bytes.len() {
-            let length = u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
-            at += 8 + 4 + length + 4;
-            records += 1;
-        }
-        assert_eq!((at, records), (bytes.len(), 3));
-        let contains = |needle: &[u8]| bytes.windows(needle.len()).any(|window| window == needle);
-        assert!(contains(b"adjacent/loss") && contains(b"adjacent/flow") && contains(b"\x89PNG"));
-        assert!(contains(&0.25_f32.to_le_bytes()));
-    }
-}
+mod tests;

@@ -5,8 +5,8 @@ use crate::checkpoint::{Checkpoint, Measured, State};
 use crate::config::OnNan;
 use crate::guard::{self, Dump, NonFinite};
 use crate::optimiser::{AdamOptimiser, Average, Gradients, NamedTensors, assign, gradients, rate, values};
-use crate::progress::{Progress, Status};
-use crate::recorder::{Kind, Row};
+use crate::progress::Progress;
+use crate::recorder::{Histogram, Kind, Quantity, Row, Status};
 use crate::stage::{Moment, Stage, StageError};
 use burn::module::Module;
 use burn::tensor::Tensor;
@@ -149,8 +149,16 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         }
         row.push(("gradient_norm".into(), f64::from(norm)));
         let learning_rate = rate(&plan, self.state.step as usize, self.stage.steps());
+        let every = plan.histogram_every as u64;
+        let spread = every > 0 && (self.state.step + 1).is_multiple_of(every);
+        if spread {
+            self.histograms(Quantity::Gradients, self.state.step + 1, &sum.0)?;
+        }
         sum.clip(norm, plan.clip);
         self.update(sum, learning_rate)?;
+        if spread {
+            self.histograms(Quantity::Weights, self.state.step, &values(&self.net))?;
+        }
         row.push(("learning_rate".into(), learning_rate));
         let (stepped, waited) = (began.elapsed(), Duration::from_secs_f64(self.producer.wait_seconds() - waited));
         self.stepping += stepped;
@@ -184,6 +192,13 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
             average.update(&new, self.state.step);
         }
         self.net = self.assign(self.net.clone(), &new)?;
+        Ok(())
+    }
+
+    fn histograms(&mut self, of: Quantity, step: u64, tensors: &NamedTensors) -> Result<(), TrainError> {
+        for (layer, found) in Histogram::of_all(tensors) {
+            self.around.recorder.histogram(self.stage.name(), step, of, layer, &found)?;
+        }
         Ok(())
     }
 
@@ -245,17 +260,21 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         if (validate > 0 && step.is_multiple_of(validate)) || last {
             self.measure()?;
         }
-        let shown = row.values.len().saturating_sub(2);
-        let measured = self.state.measured.first().map(|(name, value)| (name.as_str(), *value));
         let StepRow { values, samples_per_second, waiting } = row;
-        self.progress.show(&Status {
+        let status = Status {
+            stage: name,
             step,
-            losses: &values[..shown],
-            measured,
+            steps: self.stage.steps() as u64,
+            // The last two are the gradient's norm and the learning rate.
+            losses: &values[..values.len().saturating_sub(2)],
+            measured: &self.state.measured,
             samples_per_second: *samples_per_second,
             waiting: *waiting,
-        });
-        Ok(())
+            memory_mib: ops::process::rss_mib(),
+            remaining: self.progress.remaining(step),
+        };
+        self.progress.show(&status);
+        Ok(self.around.recorder.status(&status)?)
     }
 
     /// The net as evaluation uses it: without gradients and dropout, averaged when an average is kept.

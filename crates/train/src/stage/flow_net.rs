@@ -11,7 +11,7 @@ use flow::loss::FlowLossConfig;
 use flow::metrics::EndPointErrors;
 use flow::pwc::{Pwc, PwcConfig};
 use flow::target::FlowTarget;
-use flow::visual::{full_length_px, picture};
+use flow::visual::{full_length_px, legend, picture};
 use ops::planes::{Mask, Planes};
 use rand_chacha::ChaCha8Rng;
 use render::visual::{below, beside};
@@ -140,7 +140,7 @@ impl Stage for FlowStage {
         Ok(measured)
     }
 
-    /// A row per pair: target, source, true flow, estimated flow, their distance.
+    /// A row per pair: target, source, true flow, estimated flow, their distance, the wheel of the flows' colours.
     fn preview(&self, net: &Pwc, device: &Device) -> Result<Vec<Picture>, StageError> {
         let pairs = self.held_out()?.iter().take(SHOWN);
         Ok(pairs
@@ -150,7 +150,8 @@ impl Stage for FlowStage {
                 let full = full_length_px(&pair.flow, Some(&pair.valid));
                 let truth = picture(&pair.flow, Some(&pair.valid), full);
                 let error = flow_error(&found, &pair.flow, &pair.valid, full);
-                let row = beside(&[&pair.first, &pair.second, &truth, &picture(&found, None, full), &error]);
+                let wheel = legend(pair.first.height);
+                let row = beside(&[&pair.first, &pair.second, &truth, &picture(&found, None, full), &error, &wheel]);
                 Picture { name: format!("pair{index}"), image: to_rgb(&below(&[&row])) }
             })
             .collect())

@@ -29,7 +29,12 @@ fn wrong_arguments() {
             ("nothing to resume", vec!["--resume", "runs/none"], 2, vec!["runs/none", "config.toml"]),
             ("unknown device", vec!["--config", "tiny.toml", "--device", "tpu"], 2, vec!["`tpu`", "cpu, vulkan"]),
             ("assignment without =", vec!["--config", "tiny.toml", "--set", "run.seed"], 2, vec!["--set table.key=value"]),
-            ("unknown key set", vec!["--config", "tiny.toml", "--set", "run.sed=4"], 2, vec!["unknown key `sed`", "`seed`"]),
+            (
+                "unknown key set",
+                vec!["--config", "tiny.toml", "--set", "run.sed=4"],
+                2,
+                vec!["--set:1:5", "unknown key `sed`", "did you mean `seed`?", "^^^"],
+            ),
             ("wrong type set", vec!["--config", "tiny.toml", "--set", "run.seed=fast"], 2, vec!["--set:1:10", "invalid type"]),
             (
                 "impossible value set",
@@ -59,6 +64,8 @@ fn wrong_files() {
     home.write("choice.toml", "[run]\non_nan = \"resture\"\n");
     home.write("value.toml", "extends = \"tiny.toml\"\n[checkpoint]\nkeep_last = 1\n");
     home.write("empty.toml", "");
+    home.write("above.toml", "extends = \"value.toml\"\n[run]\nseed = 2\n");
+    home.write("align.toml", "extends = \"tiny.toml\"\n[report.synthetic.align]\nkey_frame_step = 0\n");
     home.write("circle.toml", "extends = \"circle.toml\"\n");
     home.write("orphan.toml", "extends = \"nowhere.toml\"\n");
     home.write("folder.toml", "extends = \"tiny.toml\"\n[[materials]]\ntype = \"pbr\"\npath = \"no/such/folder\"\n");
@@ -75,6 +82,13 @@ fn wrong_files() {
             ("wrong type", config("type.toml"), 2, vec!["type.toml:3:8", "invalid type: string \"one\""]),
             ("unknown choice", config("choice.toml"), 2, vec!["choice.toml:2:", "did you mean `restore`?"]),
             ("impossible value", config("value.toml"), 2, vec!["value.toml:3:13", "`checkpoint.keep_last` is 1", "at least 2"]),
+            ("impossible value below", config("above.toml"), 2, vec!["value.toml:3:13", "keep_last = 1", "            ^"]),
+            (
+                "impossible alignment",
+                config("align.toml"),
+                2,
+                vec!["align.toml:3:18", "align.key_frame_step = 0", "(paper: 5)"],
+            ),
             ("nothing to do", config("empty.toml"), 2, vec!["steps in at least one of the stages"]),
             ("extends itself", config("circle.toml"), 2, vec!["runs in a circle"]),
             ("extends nothing", config("orphan.toml"), 2, vec!["nowhere.toml"]),

@@ -49,6 +49,8 @@ fn a_run_leaves_everything_a_person_or_a_program_reads() {
         "run.json",
         "materials.json",
         "report.json",
+        "report.html",
+        "status.json",
         "weights/manifest.json",
         "weights/adjacent.safetensors",
         "weights/svbrdf.safetensors",
@@ -69,6 +71,33 @@ fn a_run_leaves_everything_a_person_or_a_program_reads() {
     assert_eq!((&read("run.json")["seed"], &read("run.json")["device"]), (&3.into(), &"cpu".into()));
     let train_rows = numbers.iter().filter(|line| line.contains("\"kind\":\"train\"")).count();
     assert_eq!(train_rows, 48);
+}
+
+#[test]
+fn the_resolved_config_of_a_run_repeats_it() {
+    let home = Home::new();
+    let written = undisturbed().0.path("run/config.toml");
+    let ended = home.run(&["--config", written.to_str().unwrap(), "--out", "again"]);
+    assert_eq!(ended.code, Some(0), "{}", ended.stderr);
+    assert_eq!(metrics(&home.path("again")), undisturbed().1);
+    let config = |path: &Path| std::fs::read_to_string(path).unwrap();
+    assert_eq!(config(&home.path("again/config.toml")), config(&written));
+}
+
+#[test]
+fn a_run_is_watched_from_outside() {
+    let run = undisturbed().0.path("run");
+    let watch = |more: &[&str]| undisturbed().0.run(&[&["watch", run.to_str().unwrap()], more].concat());
+    let shown = watch(&[]);
+    assert_eq!(shown.code, Some(0), "{}", shown.stderr);
+    for part in ["finished", "svbrdf 24/24 (100 %)", "exemplars/s", "data ", "rendering ", "maps_l1_ratio (held-out)"] {
+        assert!(shown.stdout.contains(part), "`{part}` is not in: {}", shown.stdout);
+    }
+    assert!(!shown.stdout.contains('\u{1b}'), "escapes outside a terminal");
+    assert!(watch(&["--stage", "adjacent", "--once"]).stdout.contains("matching "));
+    let wrong = watch(&["--stage", "distant"]);
+    assert_eq!(wrong.code, Some(2));
+    assert!(wrong.stderr.contains("no stage `distant`") && wrong.stderr.contains("adjacent, svbrdf"), "{}", wrong.stderr);
 }
 
 #[test]
@@ -141,7 +170,17 @@ fn a_resumed_run_keeps_to_its_config() {
     assert_eq!(ended.code, Some(2), "{}", ended.stderr);
     assert!(ended.stderr.contains("continues as it began"), "{}", ended.stderr);
     assert_eq!(
-        home.run(&["--resume", "run", "--set", "checkpoint.every_steps=9", "--set", "run.on_nan=restore"]).code,
+        home.run(&[
+            "--resume",
+            "run",
+            "--set",
+            "checkpoint.every_steps=9",
+            "--set",
+            "run.on_nan=restore",
+            "--set",
+            "svbrdf.optimisation.histogram_every=5"
+        ])
+        .code,
         Some(0)
     );
 }

@@ -43,6 +43,7 @@ impl Toy {
             ema: 0.9,
             preview_every: 8,
             validate_every: 5,
+            histogram_every: 10,
         };
         Self { steps, plan, poisoned: Vec::new(), steep: Vec::new() }
     }

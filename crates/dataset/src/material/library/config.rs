@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::LibraryError;
@@ -10,7 +11,7 @@ use crate::material::procedural::Family;
 use crate::material::stored::{GRID, Wrap};
 
 /// One source of materials; a run may mix several.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "type", rename_all = "lowercase")]
 pub enum SourceConfig {
     /// Generated materials: no file needed.
@@ -24,10 +25,11 @@ pub enum SourceConfig {
 }
 
 /// Generated materials.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ProceduralConfig {
     /// Texels per side of a tile, which covers 0.5 × 0.5 of the material's 2 × 2 whatever its size.
+    #[schemars(extend("unit" = "texels"))]
     pub size: usize,
     /// How many materials, over both sides of the split.
     pub count: usize,
@@ -56,13 +58,14 @@ impl ProceduralConfig {
 }
 
 /// Folders of texture maps.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PbrConfig {
     /// A folder with one folder per material, or one material's folder. Relative to where the program is started.
     pub path: PathBuf,
     /// Texels of the maps over the material's \[−1, 1\]: 4096 shows maps of 1024² as tiles of 0.5 × 0.5.
     #[serde(default = "grid")]
+    #[schemars(extend("unit" = "texels"))]
     pub texels: usize,
     /// How maps continue beyond their edge: `repeat` for tileable ones, `mirror` for others.
     #[serde(default)]
@@ -73,7 +76,7 @@ pub struct PbrConfig {
 }
 
 /// PNG strips: normal | diffuse | roughness | specular, each H×H ([`crate::material::inria`]).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct InriaConfig {
     /// A folder of strips, a `.txt` list of them, or one strip. Relative to where the program is started.
@@ -82,6 +85,7 @@ pub struct InriaConfig {
     pub albedo_encoding: AlbedoEncoding,
     /// Texels of the maps over the material's \[−1, 1\]: 4096 shows strips of 512² as in the paper (Fig. 2).
     #[serde(default = "grid")]
+    #[schemars(extend("unit" = "texels"))]
     pub texels: usize,
     /// How maps continue beyond their edge; `mirror` shows no seam, whether they tile or not.
     #[serde(default = "mirror")]
@@ -92,7 +96,7 @@ pub struct InriaConfig {
 }
 
 /// NumPy arrays of uint8, H×W×12: normal, diffuse, roughness, specular ([`crate::material::npy`]).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NpyConfig {
     /// A folder of arrays, a `.txt` list of them, or one array. Relative to where the program is started.
@@ -104,6 +108,7 @@ pub struct NpyConfig {
     pub roughness_squared: bool,
     /// Texels of the maps over the material's \[−1, 1\].
     #[serde(default = "grid")]
+    #[schemars(extend("unit" = "texels"))]
     pub texels: usize,
     /// How maps continue beyond their edge; `mirror` shows no seam, whether they tile or not.
     #[serde(default = "mirror")]

@@ -1,6 +1,7 @@
 //! The tables that switch the sensor's options on.
 
 use render::lens::DISTORTION_LIMIT;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// What a phone's camera does to the frames beyond the paper's recipe (noise, clipping, encoding).
@@ -24,7 +25,7 @@ use serde::{Deserialize, Serialize};
 /// assert!(config.compression.is_none());
 /// config.validate().unwrap();
 /// ```
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorConfig {
     /// The lens darkens the corners.
@@ -51,10 +52,11 @@ pub struct SensorConfig {
 }
 
 /// `vignetting`
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct VignettingConfig {
     /// Range of the share of light that is lost in the image's corners, one draw per video.
+    #[schemars(extend("unit" = "share of light"))]
     pub corner_loss: [f64; 2],
 }
 
@@ -65,11 +67,12 @@ impl Default for VignettingConfig {
 }
 
 /// `exposure`
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ExposureConfig {
     /// Standard deviation of the last frame's exposure against the first one's, in stops (factors of two). The exposure
     /// wanders smoothly and acts before noise and clipping.
+    #[schemars(extend("unit" = "stops"))]
     pub stops: f64,
 }
 
@@ -80,11 +83,12 @@ impl Default for ExposureConfig {
 }
 
 /// `white_balance`
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WhiteBalanceConfig {
     /// Standard deviation, in stops, of red and of blue against green in the last frame, 0 in the first. The luminance of grey
     /// (Rec. 709) stays.
+    #[schemars(extend("unit" = "stops"))]
     pub stops: f64,
 }
 
@@ -95,12 +99,14 @@ impl Default for WhiteBalanceConfig {
 }
 
 /// `motion_blur`
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MotionBlurConfig {
     /// Range of the share of the time between two frames for which the shutter is open, one draw per video.
+    #[schemars(extend("unit" = "share of a frame's time"))]
     pub shutter: [f64; 2],
     /// Most renderings that a frame is averaged over; it takes one per pixel of motion, and as many times as long to make.
+    #[schemars(extend("unit" = "renderings"))]
     pub sub_frames: usize,
 }
 
@@ -111,7 +117,7 @@ impl Default for MotionBlurConfig {
 }
 
 /// `distortion`
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DistortionConfig {
     /// Range of k1 of [`render::lens::RadialDistortion`], one draw per video.
@@ -128,10 +134,11 @@ impl Default for DistortionConfig {
 }
 
 /// `rolling_shutter`
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RollingShutterConfig {
     /// Range of the share of the time between two frames that passes between the first and the last row, one draw per video.
+    #[schemars(extend("unit" = "share of a frame's time"))]
     pub readout: [f64; 2],
 }
 
@@ -143,11 +150,12 @@ impl Default for RollingShutterConfig {
 }
 
 /// `compression`
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CompressionConfig {
     /// Range of the JPEG quality, 1 to 100, one draw per video. Each frame is compressed by itself, colour at half
     /// resolution (4:2:0): that stands for a phone's video encoder.
+    #[schemars(extend("unit" = "JPEG quality"))]
     pub quality: [u8; 2],
 }
 
