@@ -92,7 +92,7 @@ mod tests {
         assert_eq!(labels(Scale::Linear, [0.0, 600.0]), ["0", "200", "400", "600"]);
         assert_eq!(labels(Scale::Logarithmic, [0.015, 0.6]), ["0.02", "0.05", "0.1", "0.2", "0.5"]);
         assert_eq!(labels(Scale::Logarithmic, [1e-7, 2.0]), ["1e-6", "1e-4", "0.01", "1"]);
-        assert_eq!(labels(Scale::Logarithmic, [3.0, 4e4]), ["10", "100", "1000", "10000"]);
+        assert_eq!(labels(Scale::Logarithmic, [3.0, 2e4]), ["10", "100", "1000", "10000"]);
     }
 
     #[test]

