@@ -1,9 +1,9 @@
 //! `--device`: which of the back ends that were built in the nets run on, and which of its cards (`cuda:1`).
 //!
-//! One run trains on one device. burn's own data-parallel strategy (`ExecutionStrategy::MultiDevice`) belongs to the learner of
-//! burn-train, with optimiser records that go by random parameter numbers; this loop has its own optimiser so that a run
-//! resumes to the last bit (see [`crate::optimiser`]). Below it, burn's `all_reduce` exists for CUDA alone and adds up in an
-//! order that isn't fixed. So several devices are used by several runs: `train sweep --device cuda:0,cuda:1 --jobs 2`.
+//! One run trains on one device. burn's data-parallel training belongs to the learner of burn-train, which this program doesn't
+//! use: its loop and optimiser are its own so that a run resumes to the last bit (see [`crate::optimiser`]), and gradients that
+//! are added up across cards would need a fixed order for that. So several devices are used by several runs:
+//! `train sweep --device cuda:0,cuda:1 --jobs 2`.
 
 use burn::tensor::Device;
 
