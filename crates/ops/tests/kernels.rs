@@ -54,6 +54,8 @@ fn convolution_equals_its_reference() {
         (1, 3, 2, 40, 39),
         (2, 1, 18, 41, 40),
         (2, 19, 3, 3, 2),
+        // More taps than one task of the weights' gradient has.
+        (1, 75, 17, 5, 16),
     ];
     for padding in [Padding::Edge, Padding::Zero] {
         for (stride, dilation) in [(1, 1), (2, 1), (1, 2), (1, 4)] {

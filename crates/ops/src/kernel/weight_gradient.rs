@@ -56,7 +56,8 @@ pub(super) fn correlate_gradient(rows: &Rows, field: &Field, gradient: &[f32], o
         for (task, sums) in sums.iter().enumerate() {
             let start = task / parts * TAPS;
             for (o, out) in out.chunks_exact_mut(taps).enumerate() {
-                out[start..].iter_mut().zip(sums).for_each(|(out, sum)| *out += sum[o]);
+                // Behind the task's taps stand repetitions of its last one.
+                out[start..].iter_mut().zip(sums).take(TAPS).for_each(|(out, sum)| *out += sum[o]);
             }
         }
     });
