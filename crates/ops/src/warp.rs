@@ -71,7 +71,8 @@ pub fn reference_warp(x: Tensor<4>, flow: Tensor<4>) -> Warped {
 pub fn warp_max(guidance: Tensor<4>, features: Tensor<4>, flow: Tensor<4>) -> Tensor<4> {
     if kernel::available(&features) {
         let (guidance, features) = (guidance.into_dispatch(), features.into_dispatch());
-        return Tensor::from_dispatch(Dispatch::warp_max(guidance, features, flow.into_dispatch()));
+        let (maximum, _) = Dispatch::warp_max(guidance, features, flow.into_dispatch());
+        return Tensor::from_dispatch(maximum);
     }
     reference_warp_max(guidance, features, flow)
 }

@@ -90,6 +90,8 @@ fn convolutions_large_enough_for_fewer_multiplications_equal_their_reference() {
             (Conv3x3::same(padding), 1, 23, 24, 50, 67),
             (Conv3x3::same(padding), 2, 30, 19, 61, 34),
             (Conv3x3::enlarging(padding), 1, 14, 10, 49, 66),
+            (Conv3x3 { dilation: 5, ..Conv3x3::same(padding) }, 2, 20, 9, 53, 38),
+            (Conv3x3 { dilation: 16, ..Conv3x3::same(padding) }, 1, 12, 14, 64, 33),
         ] {
             let inputs = [wave([n, i, h, w], 0.0), wave([o, i, 3, 3], 1.0)];
             let fast = value_and_gradients(&inputs, |t| ops::conv::conv3x3(t[0].clone(), t[1].clone(), geometry));
@@ -132,12 +134,19 @@ fn bias_and_leaky_relu_equal_their_reference() {
 
 #[test]
 fn cost_volume_equals_its_reference() {
-    for (n, c, h, w, radius) in [(1, 1, 1, 1, 4), (2, 5, 7, 9, 4), (1, 18, 6, 19, 2), (2, 3, 12, 8, 1)] {
+    for (n, c, h, w, radius) in
+        [(1, 1, 1, 1, 4), (2, 5, 7, 9, 4), (1, 18, 6, 19, 2), (2, 3, 12, 8, 1), (1, 9, 5, 17, 3), (2, 2, 3, 6, 5)]
+    {
         let inputs = [wave([n, c, h, w], 0.0), wave([n, c, h, w], 1.0)];
         let fast = value_and_gradients(&inputs, |t| ops::cost_volume::cost_volume(t[0].clone(), t[1].clone(), radius));
         let plain = value_and_gradients(&inputs, |t| ops::cost_volume::reference(t[0].clone(), t[1].clone(), radius));
         assert_equal(&format!("cost volume {n}×{c}×{h}×{w} radius {radius}"), &fast, &plain);
     }
+    let inputs = [wave([2, 12, 7, 5], 0.0), wave([2, 12, 7, 5], 1.0)];
+    let turned = |t: &Tensor<4>| t.clone().permute([0, 3, 1, 2]);
+    let fast = value_and_gradients(&inputs, |t| ops::cost_volume::cost_volume(turned(&t[0]), turned(&t[1]), 4));
+    let plain = value_and_gradients(&inputs, |t| ops::cost_volume::reference(turned(&t[0]), turned(&t[1]), 4));
+    assert_equal("permuted cost volume", &fast, &plain);
 }
 
 #[test]
@@ -155,7 +164,7 @@ fn warp_equals_its_reference() {
 
 #[test]
 fn masked_maximum_equals_its_reference_and_ignores_what_is_outside() {
-    for (k, c, h, w) in [(1, 1, 2, 3), (3, 4, 7, 9), (5, 2, 20, 16)] {
+    for (k, c, h, w) in [(1, 1, 1, 1), (1, 1, 2, 3), (3, 4, 7, 9), (5, 2, 20, 16), (2, 19, 70, 11)] {
         let inputs = [wave([1, c, h, w], 0.5), wave([k, c, h, w], 0.0)];
         let flow = wave([k, 2, h, w], 1.0).mul_scalar(4.0);
         let fast = value_and_gradients(&inputs, |t| ops::warp::warp_max(t[0].clone(), t[1].clone(), flow.clone()));
@@ -164,6 +173,26 @@ fn masked_maximum_equals_its_reference_and_ignores_what_is_outside() {
         let away = Tensor::full([k, 2, h, w], 1e4, &device());
         assert_eq!(values(ops::warp::warp_max(inputs[0].clone(), inputs[1].clone(), away)), values(inputs[0].clone()));
     }
+}
+
+#[test]
+fn the_number_of_threads_changes_no_bit() {
+    let flow = wave([3, 2, 40, 37], 1.0).mul_scalar(4.0);
+    let all = || {
+        let features = [wave([1, 21, 40, 37], 0.5), wave([3, 21, 40, 37], 0.0)];
+        let maximum = value_and_gradients(&features, |t| ops::warp::warp_max(t[0].clone(), t[1].clone(), flow.clone()));
+        let maps = [wave([2, 21, 20, 37], 0.0), wave([2, 21, 20, 37], 1.0)];
+        let costs = value_and_gradients(&maps, |t| ops::cost_volume::cost_volume(t[0].clone(), t[1].clone(), 4));
+        let images = [wave([1, 21, 40, 37], 0.0), wave([23, 21, 3, 3], 1.0)];
+        let convolved = [1, 3].map(|dilation| {
+            let geometry = Conv3x3 { dilation, ..Conv3x3::same(Padding::Zero) };
+            value_and_gradients(&images, |t| ops::conv::conv3x3(t[0].clone(), t[1].clone(), geometry))
+        });
+        let [one, three] = convolved;
+        [maximum, costs, one, three]
+    };
+    let with = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads start").install(all);
+    assert!(with(1) == with(3));
 }
 
 #[test]

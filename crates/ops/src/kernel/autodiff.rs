@@ -6,7 +6,10 @@ use burn::backend::autodiff::{
     grads::Gradients,
     ops::{Backward, Ops, OpsKind},
 };
-use burn::backend::{Autodiff, TensorMetadata, tensor::FloatTensor};
+use burn::backend::{
+    Autodiff, TensorMetadata,
+    tensor::{FloatTensor, IntTensor},
+};
 
 use super::NetKernels;
 use crate::conv::Conv3x3;
@@ -172,17 +175,20 @@ impl<B: NetKernels, C: CheckpointStrategy> NetKernels for Autodiff<B, C> {
         inner_only!()
     }
 
-    fn warp_max(guidance: FloatTensor<Self>, features: FloatTensor<Self>, flow: FloatTensor<Self>) -> FloatTensor<Self> {
+    fn warp_max(
+        guidance: FloatTensor<Self>,
+        features: FloatTensor<Self>,
+        flow: FloatTensor<Self>,
+    ) -> (FloatTensor<Self>, IntTensor<Self>) {
         #[derive(Debug)]
         struct WarpMax;
         impl<B: NetKernels> Backward<B, 2> for WarpMax {
-            type State = (NodeId, NodeId, FloatTensor<B>);
-            fn backward(self, ops: Ops<Self::State, 2>, grads: &mut Gradients, saved: &mut Checkpointer) {
+            type State = (IntTensor<B>, FloatTensor<B>);
+            fn backward(self, ops: Ops<Self::State, 2>, grads: &mut Gradients, _: &mut Checkpointer) {
                 let [node_guidance, node_features] = ops.parents;
                 let gradient = grads.consume::<B>(&ops.node);
-                let guidance: FloatTensor<B> = saved.retrieve_node_output(ops.state.0);
-                let features: FloatTensor<B> = saved.retrieve_node_output(ops.state.1);
-                let (gg, gx) = B::warp_max_backward(guidance, features, ops.state.2, gradient);
+                let (winners, flow) = ops.state;
+                let (gg, gx) = B::warp_max_backward(winners, flow, gradient);
                 if let Some(node) = node_guidance {
                     grads.register::<B>(node.id, gg);
                 }
@@ -192,18 +198,16 @@ impl<B: NetKernels, C: CheckpointStrategy> NetKernels for Autodiff<B, C> {
             }
         }
         let flow = flow.into_primitive();
-        match WarpMax.prepare::<C>([guidance.node(), features.node()]).compute_bound().stateful() {
-            OpsKind::Tracked(mut prep) => {
-                let state = (prep.checkpoint(&guidance), prep.checkpoint(&features), flow.clone());
-                prep.finish(state, B::warp_max(guidance.into_primitive(), features.into_primitive(), flow))
-            }
-            OpsKind::UnTracked(prep) => prep.finish(B::warp_max(guidance.into_primitive(), features.into_primitive(), flow)),
+        let prep = WarpMax.prepare::<C>([guidance.node(), features.node()]).compute_bound().stateful();
+        let (maximum, winners) = B::warp_max(guidance.into_primitive(), features.into_primitive(), flow.clone());
+        match prep {
+            OpsKind::Tracked(prep) => (prep.finish((winners.clone(), flow), maximum), winners),
+            OpsKind::UnTracked(prep) => (prep.finish(maximum), winners),
         }
     }
 
     fn warp_max_backward(
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
+        _: IntTensor<Self>,
         _: FloatTensor<Self>,
         _: FloatTensor<Self>,
     ) -> (FloatTensor<Self>, FloatTensor<Self>) {

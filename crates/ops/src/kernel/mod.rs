@@ -5,6 +5,7 @@
 //! don't depend on the number of threads: every output is summed by one task in one order.
 
 mod autodiff;
+mod bands;
 pub mod conv;
 mod correlate;
 pub mod correlation;
@@ -19,7 +20,10 @@ pub mod vectorise;
 mod weight_gradient;
 mod winograd;
 
-use burn::backend::{Backend, Flex, backend_extension, tensor::FloatTensor};
+use burn::backend::{
+    Backend, Flex, backend_extension,
+    tensor::{FloatTensor, IntTensor},
+};
 use burn::tensor::{Bytes, DType, Device, Shape, Tensor};
 use burn_flex::{FlexTensor, Layout};
 
@@ -67,12 +71,15 @@ pub trait NetKernels: Backend {
         flow: FloatTensor<Self>,
         gradient: FloatTensor<Self>,
     ) -> (FloatTensor<Self>, FloatTensor<Self>);
-    /// See [`crate::warp::warp_max`].
-    fn warp_max(guidance: FloatTensor<Self>, features: FloatTensor<Self>, flow: FloatTensor<Self>) -> FloatTensor<Self>;
-    /// Gradients of guidance and features of [`Self::warp_max`].
-    fn warp_max_backward(
+    /// See [`crate::warp::warp_max`]; with it which frame holds the maximum, for [`Self::warp_max_backward`].
+    fn warp_max(
         guidance: FloatTensor<Self>,
         features: FloatTensor<Self>,
+        flow: FloatTensor<Self>,
+    ) -> (FloatTensor<Self>, IntTensor<Self>);
+    /// Gradients of guidance and features of [`Self::warp_max`].
+    fn warp_max_backward(
+        winners: IntTensor<Self>,
         flow: FloatTensor<Self>,
         gradient: FloatTensor<Self>,
     ) -> (FloatTensor<Self>, FloatTensor<Self>);
@@ -178,29 +185,19 @@ impl NetKernels for Flex {
         (tensor(gx, [n, c, h, w]), tensor(gflow, [n, 2, h, w]))
     }
 
-    fn warp_max(guidance: FlexTensor, features: FlexTensor, flow: FlexTensor) -> FlexTensor {
+    fn warp_max(guidance: FlexTensor, features: FlexTensor, flow: FlexTensor) -> (FlexTensor, FlexTensor) {
         let [n, c, h, w] = dims(&features);
         let s = sampling::Sizes { n, c, h, w };
-        let out = sampling::warp_max(Values::new(guidance).get(), Values::new(features).get(), Values::new(flow).get(), &s);
-        tensor(out, [1, c, h, w])
+        let (out, winners) =
+            sampling::warp_max(Values::new(guidance).get(), Values::new(features).get(), Values::new(flow).get(), &s);
+        let winners = FlexTensor::new(Bytes::from_elems(winners), Layout::contiguous(Shape::new([c, h, w])), DType::U16);
+        (tensor(out, [1, c, h, w]), winners)
     }
 
-    fn warp_max_backward(
-        guidance: FlexTensor,
-        features: FlexTensor,
-        flow: FlexTensor,
-        gradient: FlexTensor,
-    ) -> (FlexTensor, FlexTensor) {
-        let [n, c, h, w] = dims(&features);
+    fn warp_max_backward(winners: FlexTensor, flow: FlexTensor, gradient: FlexTensor) -> (FlexTensor, FlexTensor) {
+        let ([n, ..], [_, c, h, w]) = (dims(&flow), dims(&gradient));
         let s = sampling::Sizes { n, c, h, w };
-        let (guidance, features) = (Values::new(guidance), Values::new(features));
-        let (gg, gx) = sampling::warp_max_backward(
-            guidance.get(),
-            features.get(),
-            Values::new(flow).get(),
-            Values::new(gradient).get(),
-            &s,
-        );
+        let (gg, gx) = sampling::warp_max_backward(winners.storage(), Values::new(flow).get(), Values::new(gradient).get(), &s);
         (tensor(gg, [1, c, h, w]), tensor(gx, [n, c, h, w]))
     }
 }
