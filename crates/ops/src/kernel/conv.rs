@@ -6,6 +6,7 @@
 
 use super::correlate::{Part, Target, correlate};
 use super::enlarging;
+use super::phases;
 use super::rows::{column_field, column_rows, filled, padded_field, padded_rows, reverse_columns, zeros};
 use super::tile::TILE;
 use super::transposed::{Bordered, Tap, input_gradient};
@@ -81,6 +82,9 @@ pub fn forward(x: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
     if s.geometry.enlarge {
         return enlarging::forward(x, w, s);
     }
+    if phases::applies(s) {
+        return phases::forward(x, w, s);
+    }
     let area = s.oh() * s.ow();
     let count = s.n * s.outputs * area;
     let kernel = |o: usize, c: usize| s.kernel(w, o, c).try_into().expect("a kernel has nine weights");
@@ -109,6 +113,9 @@ pub fn forward(x: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
 pub fn backward_input(gradient: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
     if s.geometry.enlarge {
         return enlarging::backward_input(gradient, w, s);
+    }
+    if phases::applies(s) {
+        return phases::backward_input(gradient, w, s);
     }
     if winograd::pays(s, s.outputs, s.inputs, FEWEST_TILES) {
         let kernel = |o: usize, c: usize| s.kernel(w, o, c).try_into().expect("a kernel has nine weights");
@@ -148,6 +155,9 @@ pub(super) fn input_gradient_narrow(
 pub fn backward_weight(x: &[f32], gradient: &[f32], s: &Sizes) -> Vec<f32> {
     if s.geometry.enlarge {
         return enlarging::backward_weight(x, gradient, s);
+    }
+    if phases::applies(s) {
+        return phases::backward_weight(x, gradient, s);
     }
     if winograd::pays_for_weights(s) {
         let part = winograd::PartGradient { start: 0, extents: [Extent::Whole; 2] };

@@ -11,6 +11,7 @@ mod correlate;
 pub mod correlation;
 mod enlarging;
 pub mod peak;
+mod phases;
 pub mod pointwise;
 mod rows;
 pub mod sampling;
