@@ -20,7 +20,7 @@ use burn::{
 use context::Context;
 use cost::{Match, Matching};
 use estimator::{Estimate, Estimator};
-use ops::{resample::upsample_bilinear, warp::warp};
+use ops::{activation::bias_leaky_relu, resample::upsample_bilinear, warp::warp};
 use pyramid::{Pyramid, normalise, prepare};
 use rand::Rng;
 use teach::Teacher;
@@ -165,7 +165,7 @@ impl Pwc {
         let matching = &self.matchings[index];
         let Match { cost, logits } = matching.forward(pair.match_first, second);
 
-        let mut inputs = vec![burn::tensor::activation::leaky_relu(cost, f64::from(LEAKY_SLOPE))];
+        let mut inputs = vec![bias_leaky_relu(cost, None, LEAKY_SLOPE)];
         if start.is_some() || self.config.coarsest_features {
             inputs.push(pair.first);
         }
