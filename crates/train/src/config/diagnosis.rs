@@ -77,7 +77,7 @@ fn explain(message: &str) -> (String, Vec<String>) {
         let help = "it has no default, because nothing here can tell what it must be: write it out".to_string();
         return (format!("missing key `{}`", names.next().unwrap_or_default()), vec![help]);
     } else {
-        return (first_line, Vec::new());
+        return (in_words(&first_line), Vec::new());
     };
     let found = names.next().unwrap_or_default();
     let known: Vec<String> = names.filter(|name| name != "extends").collect();
@@ -87,6 +87,20 @@ fn explain(message: &str) -> (String, Vec<String>) {
     }
     help.push(format!("known here: {}", known.join(", ")));
     (format!("unknown {kind} `{found}`"), help)
+}
+
+/// Puts the type that serde expected into a person's words: "expected usize" says nothing to who doesn't write Rust.
+fn in_words(message: &str) -> String {
+    let Some((found, expected)) = message.rsplit_once(", expected ") else { return message.into() };
+    let expected = match expected {
+        "usize" | "u64" | "u32" | "u16" | "u8" => "a whole number of at least 0",
+        "isize" | "i64" | "i32" => "a whole number",
+        "f64" | "f32" => "a number",
+        "a sequence" => "a list, for example [1, 2]",
+        name if name.starts_with("struct ") || name == "a map" => "a table of keys",
+        other => other,
+    };
+    format!("{found}, expected {expected}")
 }
 
 /// The candidate most like the name, when any is like it at all.
@@ -115,6 +129,22 @@ mod tests {
         let source = "a = [\n1,\n]";
         let shown = Diagnosis::at("x", source, Some(4..source.len()), "m".into(), vec![]);
         assert_eq!((shown.position, shown.width), (Some((1, 5)), 1));
+    }
+
+    #[test]
+    fn expected_types_are_told_in_words() {
+        for (said, told) in [
+            (
+                "invalid type: string \"four\", expected usize",
+                "invalid type: string \"four\", expected a whole number of at least 0",
+            ),
+            ("invalid type: string \"fast\", expected f64", "invalid type: string \"fast\", expected a number"),
+            ("invalid type: integer `3`, expected struct SvbrdfStage", "invalid type: integer `3`, expected a table of keys"),
+            ("invalid type: string \"x\", expected a boolean", "invalid type: string \"x\", expected a boolean"),
+            ("something else", "something else"),
+        ] {
+            assert_eq!(explain(said), (told.to_string(), vec![]));
+        }
     }
 
     #[test]
