@@ -16,11 +16,11 @@ const FIGURES: [Figure; 36] = [
     Figure("peak_rss_mib", "most memory held, in MiB", Some(6144.0)),
     Figure("materials", "held-out materials that were scanned", None),
     Figure("adjacent_epe_px", "end-point error of the adjacent net, in pixels of its frames", None),
-    Figure("adjacent_epe_ratio", "the same over that of no motion", Some(0.45)),
-    Figure("adjacent_homography_ratio", "the same after the robust homography", Some(0.30)),
+    Figure("adjacent_epe_ratio", "end-point error of the adjacent net over that of no motion", Some(0.45)),
+    Figure("adjacent_homography_ratio", "… after the robust homography", Some(0.30)),
     Figure("distant_epe_px", "end-point error of the distant net, in pixels of its frames", None),
-    Figure("distant_epe_ratio", "the same over that of no motion", None),
-    Figure("distant_homography_ratio", "the same after the robust homography", None),
+    Figure("distant_epe_ratio", "end-point error of the distant net over that of no motion", None),
+    Figure("distant_homography_ratio", "… after the robust homography", None),
     Figure("alignment_valid_rate", "predicted and truly valid pixels over truly valid ones", None),
     Figure("alignment_pixel_error", "mean alignment error over pixels valid in both", None),
     Figure("alignment_pixel_error_median", "its median over key frames", None),
@@ -32,9 +32,9 @@ const FIGURES: [Figure; 36] = [
     Figure("identity_pixel_error", "alignment error if nothing is aligned", None),
     Figure("identity_within_20px", "share of key frames within 20 pixels if nothing is aligned", None),
     Figure("maps_l1_ratio", "sum of the four map errors over that of constant maps", Some(0.85)),
-    Figure("maps_l1_ratio_exact_warps", "the same with exact warps", None),
+    Figure("maps_l1_ratio_exact_warps", "… with exact warps instead of the alignment", None),
     Figure("render_l1_ratio", "error of 18 re-renderings over that of constant maps", Some(0.80)),
-    Figure("render_l1_ratio_exact_warps", "the same with exact warps", None),
+    Figure("render_l1_ratio_exact_warps", "… with exact warps instead of the alignment", None),
     Figure("diffuse_l1", "mean error of the diffuse albedo", None),
     Figure("specular_l1", "mean error of the specular albedo", None),
     Figure("roughness_l1", "mean error of the roughness", None),
@@ -52,17 +52,23 @@ const FIGURES: [Figure; 36] = [
 /// The part of the report that is about costs, not results.
 const ELSEWHERE: [&str; 2] = ["_data_wait_share", "skipped_batches"];
 
-/// One row per figure, one column per class of materials.
+/// One row per figure, one column per class of materials that was measured.
 pub fn table(report: &Map<String, Value>) -> String {
-    let value = |name: &str, ending: &str| report.get(&format!("{name}{ending}")).and_then(Value::as_f64);
+    let measured = |(ending, _): &&(&str, &str)| ending.is_empty() || report.keys().any(|name| name.ends_with(ending));
+    let classes: Vec<_> = CLASSES.iter().filter(measured).collect();
+    let values = |name: &str| -> Vec<Option<f64>> {
+        classes.iter().map(|(ending, _)| report.get(&format!("{name}{ending}")).and_then(Value::as_f64)).collect()
+    };
     let mut rows = String::new();
     for Figure(name, what, goal) in &FIGURES {
-        rows += &row(name, what, *goal, CLASSES.map(|(ending, _)| value(name, ending)));
+        rows += &row(name, what, *goal, &values(name));
     }
     for name in report.keys().filter(|name| !is_shown(name)) {
-        rows += &row(name, "", None, [value(name, ""), None, None, None]);
+        let mut alone = vec![None; classes.len()];
+        alone[0] = report.get(name).and_then(Value::as_f64);
+        rows += &row(name, "", None, &alone);
     }
-    let heads: String = CLASSES.iter().map(|(_, heading)| format!("<th class=\"number\">{heading}</th>")).collect();
+    let heads: String = classes.iter().map(|(_, heading)| format!("<th class=\"number\">{heading}</th>")).collect();
     format!(
         "<div class=\"scroll\"><table>\n<tr><th>figure</th>{heads}<th class=\"number\">goal</th><th>what it is</th></tr>\n{rows}</table></div>\n"
     )
@@ -75,10 +81,11 @@ fn is_shown(name: &str) -> bool {
 }
 
 /// Empty where nothing was measured.
-fn row(name: &str, what: &str, goal: Option<f64>, values: [Option<f64>; 4]) -> String {
+fn row(name: &str, what: &str, goal: Option<f64>, values: &[Option<f64>]) -> String {
     if values.iter().all(Option::is_none) {
         return String::new();
     }
+    let number = |value: f64| if name == "materials" { format!("{value:.0}") } else { number(value) };
     let cell = |(column, value): (usize, &Option<f64>)| match (value, goal) {
         (None, _) => "<td></td>".to_string(),
         // The goals are of all materials together.

@@ -1,6 +1,7 @@
 //! Previews and contact sheets inside the page.
 
 use image::RgbImage;
+use image::imageops::{FilterType, resize};
 use scan::html::figure;
 use std::collections::BTreeMap;
 use std::io;
@@ -8,6 +9,8 @@ use std::path::{Path, PathBuf};
 
 /// Widest picture of the page, in pixels: as wide as its text on a usual screen.
 const WIDEST: u32 = 1120;
+/// Most times that a small picture is enlarged.
+const LARGEST: u32 = 3;
 /// Contact sheets that are shown; the others lie in `report/`.
 const MOST_SHEETS: usize = 16;
 
@@ -60,8 +63,11 @@ pub fn sheets(folder: &Path) -> io::Result<String> {
     Ok(text)
 }
 
+/// Small pictures are shown larger, pixel by pixel: 64 pixels of a map are hardly seen on a screen.
 fn embedded(caption: &str, picture: &RgbImage) -> io::Result<String> {
-    figure(caption, picture, WIDEST).map_err(io::Error::other)
+    let times = (WIDEST / picture.width().max(1)).clamp(1, LARGEST);
+    let larger = resize(picture, picture.width() * times, picture.height() * times, FilterType::Nearest);
+    figure(caption, &larger, WIDEST).map_err(io::Error::other)
 }
 
 fn read(path: &Path) -> io::Result<RgbImage> {

@@ -35,7 +35,9 @@ fn a_page_shows_every_term_the_first_and_last_pictures_and_the_config() {
         skipped: vec![],
     };
     let finished = Finished { stages: vec![stage], ..Finished::default() };
-    let Value::Object(report) = json!({ "minutes": 2.0, "adjacent_epe_ratio": 0.4, "maps_l1_ratio_textured": 0.9 }) else {
+    let Value::Object(report) =
+        json!({ "minutes": 2.0, "adjacent_epe_ratio": 0.4, "maps_l1_ratio_textured": 0.9, "materials": 1.0 })
+    else {
         unreachable!()
     };
     let page = html(home.path(), &config, &finished, &report).unwrap();
@@ -50,10 +52,14 @@ fn a_page_shows_every_term_the_first_and_last_pictures_and_the_config() {
         "seed = 1",
         "≤ 0.45",
         "class=\"number met\">0.400",
+        "<code>materials</code></td><td class=\"number\">1</td>",
+        // Eight pixels, three times as large.
+        "width=\"24\" height=\"12\"",
     ] {
         assert!(page.contains(part), "`{part}` is not in the page");
     }
     assert!(!page.contains("step 3:"));
+    assert!(page.contains("<th class=\"number\">textured</th>") && !page.contains(">featureless</th>"));
     let outside = page.replace("http://www.w3.org/2000/svg", "");
     assert!(!outside.contains("http"), "the page leads out");
 }
