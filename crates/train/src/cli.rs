@@ -2,17 +2,18 @@
 
 use crate::checkpoint::CheckpointError;
 use crate::config::{Config, ConfigError, reference};
-use crate::device;
+use crate::device::{self, DeviceError};
 use crate::export::{self, ExportError};
 use crate::import::{self, ImportError};
 use crate::interrupt;
-use crate::pipeline::{self, Ending, Pipeline, RunError};
+use crate::pipeline::{self, Ending, Part, Pipeline, RunError, batches_of};
 use crate::report::pretty;
 use crate::run_folder::{FolderError, RunFolder};
 use crate::stage::plan::{CHAIRS, no_released_weights, released_weights};
 use crate::sweep::{self, SweepArguments};
 use crate::taken::TakenError;
 use crate::watch::{self, WatchArguments, WatchError};
+use burn::tensor::Device;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use dataset::material::MaterialLibrary;
@@ -41,7 +42,8 @@ pub struct Arguments {
     #[arg(long)]
     dry_run: bool,
     /// Where the nets run: cpu, or vulkan, wgpu, cuda when built with that feature, with the number of a card if need be
-    /// (cuda:1) [default: cpu; with --resume the device of the run].
+    /// (cuda:1). Several cards (cuda:0,cuda:1) share the batches of a step, of which there must be as many
+    /// (optimisation.accumulate) [default: cpu; with --resume the device of the run].
     #[arg(long)]
     device: Option<String>,
     /// Run folder [default: runs/NAME].
@@ -282,7 +284,7 @@ fn train(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     check_start(&config)?;
     let name = device_name(arguments);
-    let device = device::open(&name).map_err(|error| Failure::Usage(error.to_string()))?;
+    let (device, others) = open_devices(&name, &config).map_err(|error| Failure::Usage(error.to_string()))?;
     // Before the folder: a wrong path to the materials leaves nothing behind.
     let materials = pipeline::open_library(&config).map_err(|error| Failure::Usage(error.to_string()))?;
     let folder = match &arguments.resume {
@@ -299,7 +301,8 @@ fn train(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let stop = |_| interrupt::requested();
     let checkpoint = arguments.checkpoint.clone();
     let revision = crate::revision::revision();
-    let mut pipeline = Pipeline { config: &config, folder: &folder, device, materials, revision, checkpoint, stop: &stop };
+    let mut pipeline =
+        Pipeline { config: &config, folder: &folder, device, others, materials, revision, checkpoint, stop: &stop };
     match pipeline.run().map_err(|error| interrupted(error, &folder))? {
         Ending::Done => {
             eprintln!("done: {}", folder.path().display());
@@ -311,6 +314,16 @@ fn train(arguments: &Arguments) -> Result<ExitCode, Failure> {
             Ok(ExitCode::from(interrupt::EXIT_CODE))
         }
     }
+}
+
+/// The devices of a run, the main one apart.
+fn open_devices(names: &str, config: &Config) -> Result<(Device, Vec<Device>), DeviceError> {
+    let names = device::of_one_run(names)?;
+    let trained = Part::ALL.into_iter().flat_map(|part| part.trained(config));
+    device::check_batches(&names, &trained.map(|stage| (stage, batches_of(config, stage))).collect::<Vec<_>>())?;
+    let main = device::open(&names[0])?;
+    let others = names[1..].iter().map(|name| device::open(name)).collect::<Result<_, _>>()?;
+    Ok((main, others))
 }
 
 /// The device of the command line, else the one that a resumed run began on.

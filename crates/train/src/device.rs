@@ -1,9 +1,7 @@
 //! `--device`: which of the back ends that were built in the nets run on, and which of its cards (`cuda:1`).
 //!
-//! One run trains on one device. burn's data-parallel training belongs to the learner of burn-train, which this program doesn't
-//! use: its loop and optimiser are its own so that a run resumes to the last bit (see [`crate::optimiser`]), and gradients that
-//! are added up across cards would need a fixed order for that. So several devices are used by several runs:
-//! `train sweep --device cuda:0,cuda:1 --jobs 2`.
+//! One run may use several cards of a kind, `--device cuda:0,cuda:1`: they share the batches of a step (see [`crate::run_loop`]),
+//! so every stage needs as many in `optimisation.accumulate`. `train sweep` gives several cards to several runs instead.
 
 use burn::tensor::Device;
 
@@ -16,14 +14,41 @@ pub enum DeviceError {
         /// What was asked for.
         found: String,
     },
-    /// Several devices for one run.
+    /// The CPU as one of several devices.
     #[error(
-        "`--device {found}` names several devices, and one run trains on one. Several are used by several runs: `train sweep FILE --device {found} --jobs {}` gives each run the next free one; a larger batch fits one device with `optimisation.accumulate`",
-        found.split(',').count()
+        "`--device {found}`: the CPU is one device, which uses all cores by itself (`RAYON_NUM_THREADS` limits them): expected `cpu` alone, or cards alone"
     )]
-    Several {
+    Cpus {
         /// What was asked for.
         found: String,
+    },
+    /// Devices of several kinds for one run.
+    #[error(
+        "`--device {found}` names devices of several kinds: expected one kind, for example `cuda:0,cuda:1`, because kinds round differently and the run could not be repeated"
+    )]
+    Mixed {
+        /// What was asked for.
+        found: String,
+    },
+    /// One of several devices without a number of its own.
+    #[error("`--device {found}`: of several cards each is named once and by its number, for example `cuda:0,cuda:1`")]
+    Numbers {
+        /// What was asked for.
+        found: String,
+    },
+    /// More devices than a step of some stage has batches.
+    #[error(
+        "`--device {found}` names {devices} devices, which share the batches of a step, but a step of {stage} has {batches}: set `{stage}.optimisation.accumulate` to {devices} or more (with a smaller `{stage}.batch` for as many exemplars per step); `train sweep FILE --device {found} --jobs {devices}` gives each run a device of its own"
+    )]
+    Batches {
+        /// What was asked for.
+        found: String,
+        /// Devices.
+        devices: usize,
+        /// Stage of the run.
+        stage: &'static str,
+        /// Batches in one of its steps.
+        batches: usize,
     },
     /// Several devices for the tasks of an engine.
     #[error(
@@ -76,9 +101,9 @@ fn expected(kind: &str) -> String {
     }
 }
 
-/// The back end in a device's name.
+/// The back end in a device's name, or in the name of the first of several.
 pub fn kind(name: &str) -> &str {
-    name.split(':').next().unwrap_or(name)
+    name.split([':', ',']).next().unwrap_or(name)
 }
 
 /// The devices of a list, `cuda:0,cuda:1`, each once.
@@ -98,9 +123,6 @@ pub fn list(names: &str) -> Result<Vec<String>, DeviceError> {
 
 /// The back end that a device belongs to, and the device's number when one is given.
 fn parse(name: &str) -> Result<(&str, Option<usize>), DeviceError> {
-    if name.contains(',') {
-        return Err(DeviceError::Several { found: name.into() });
-    }
     let (kind, number) = name.split_once(':').map_or((name, None), |(kind, number)| (kind, Some(number)));
     if !NAMES.contains(&kind) {
         return Err(DeviceError::Unknown { found: name.into() });
@@ -113,10 +135,49 @@ fn parse(name: &str) -> Result<(&str, Option<usize>), DeviceError> {
     }
 }
 
+/// The devices of one run: one, or several cards of a kind.
+///
+/// # Errors
+/// A name that no back end has, or devices that can't train one net together.
+pub fn of_one_run(names: &str) -> Result<Vec<String>, DeviceError> {
+    let found = || names.to_string();
+    let devices: Vec<&str> = names.split(',').map(str::trim).collect();
+    let parsed = devices.iter().map(|name| parse(name)).collect::<Result<Vec<_>, _>>()?;
+    if devices.len() > 1 {
+        if parsed.iter().any(|(kind, _)| *kind == "cpu") {
+            return Err(DeviceError::Cpus { found: found() });
+        }
+        if parsed.iter().any(|(kind, _)| *kind != parsed[0].0) {
+            return Err(DeviceError::Mixed { found: found() });
+        }
+        if parsed
+            .iter()
+            .enumerate()
+            .any(|(i, (_, number))| number.is_none() || parsed[..i].iter().any(|(_, other)| other == number))
+        {
+            return Err(DeviceError::Numbers { found: found() });
+        }
+    }
+    Ok(devices.into_iter().map(String::from).collect())
+}
+
+/// Finds a stage whose steps have fewer batches than there are devices; `stages` are names with the batches of their steps.
+///
+/// # Errors
+/// The first such stage.
+pub fn check_batches(devices: &[String], stages: &[(&'static str, usize)]) -> Result<(), DeviceError> {
+    match stages.iter().find(|(_, batches)| *batches < devices.len()) {
+        Some(&(stage, batches)) => {
+            Err(DeviceError::Batches { found: devices.join(","), devices: devices.len(), stage, batches })
+        }
+        None => Ok(()),
+    }
+}
+
 /// Opens a device and proves with one small computation that it is there.
 ///
 /// # Errors
-/// An unknown name, a back end that isn't built in, one that can't be started, or several devices.
+/// An unknown name, a back end that isn't built in, or one that can't be started.
 pub fn open(name: &str) -> Result<Device, DeviceError> {
     let (kind, number) = parse(name)?;
     if !built_in().contains(&kind) {
@@ -166,8 +227,29 @@ mod tests {
     }
 
     #[test]
-    fn several_devices_for_one_run_are_refused_with_what_to_do() {
-        let text = open("cuda:0,cuda:1").unwrap_err().to_string();
+    fn several_cards_of_a_kind_train_one_net_and_nothing_else_does() {
+        assert_eq!(of_one_run("cuda:1, cuda:0").unwrap(), ["cuda:1", "cuda:0"]);
+        assert_eq!(of_one_run("cpu").unwrap(), ["cpu"]);
+        for (names, reason) in [
+            ("cpu,cpu", "uses all cores by itself"),
+            ("cuda:0,cpu", "cards alone"),
+            ("cuda:0,vulkan:0", "several kinds"),
+            ("cuda:0,cuda", "by its number"),
+            ("cuda:0,cuda:1,cuda:0", "each is named once"),
+            ("cuda:0,tpu", "unknown device `tpu`"),
+            ("cuda:0,", "unknown device ``"),
+        ] {
+            let text = of_one_run(names).unwrap_err().to_string();
+            assert!(text.contains(reason), "{names}: {text}");
+        }
+    }
+
+    #[test]
+    fn a_step_needs_a_batch_for_every_device() {
+        let devices = of_one_run("cuda:0,cuda:1").unwrap();
+        assert_eq!(check_batches(&devices, &[("adjacent", 2), ("svbrdf", 5)]), Ok(()));
+        let text = check_batches(&devices, &[("adjacent", 2), ("svbrdf", 1)]).unwrap_err().to_string();
+        assert!(text.contains("`svbrdf.optimisation.accumulate` to 2 or more"), "{text}");
         assert!(text.contains("train sweep FILE --device cuda:0,cuda:1 --jobs 2"), "{text}");
     }
 

@@ -88,6 +88,8 @@ pub struct Pipeline<'a> {
     pub folder: &'a RunFolder,
     /// The device, without gradients.
     pub device: Device,
+    /// More devices of its kind for the batches of a step.
+    pub others: Vec<Device>,
     /// All materials.
     pub materials: Arc<MaterialLibrary>,
     /// Revision of the source tree when the process started: files may change while it runs.
@@ -178,6 +180,17 @@ pub fn steps_of(config: &Config, stage: &str) -> usize {
     }
 }
 
+/// Batches in a step of a stage.
+pub fn batches_of(config: &Config, stage: &str) -> usize {
+    let plan = match stage {
+        CHAIRS => &config.chairs.optimisation,
+        ADJACENT => &config.adjacent.optimisation,
+        DISTANT => &config.distant.optimisation,
+        _ => &config.svbrdf.optimisation,
+    };
+    plan.accumulate
+}
+
 impl Pipeline<'_> {
     /// Runs every stage that isn't finished, then the report.
     ///
@@ -247,6 +260,7 @@ impl Pipeline<'_> {
         };
         let mut around = Surroundings {
             device: self.device.clone(),
+            others: self.others.clone(),
             seed: self.config.run.seed,
             data_workers: self.config.run.data_workers,
             on_nan: self.config.run.on_nan,

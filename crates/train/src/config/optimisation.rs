@@ -49,7 +49,7 @@ pub struct Optimisation {
     pub weight_decay: f64,
     /// Largest norm of the whole gradient; 0 clips nothing.
     pub clip: f64,
-    /// Batches whose gradients are averaged into one step.
+    /// Batches whose gradients are averaged into one step; several devices (`--device cuda:0,cuda:1`) share them.
     #[schemars(extend("unit" = "batches"))]
     pub accumulate: usize,
     /// Decay of the moving average of the weights that evaluation uses; 0 keeps none.

@@ -1,5 +1,6 @@
 //! The training loop that all stages share.
 
+mod devices;
 mod stage_run;
 
 use crate::checkpoint::{Checkpoint, CheckpointError, Store};
@@ -76,8 +77,10 @@ fn restored(times: usize) -> String {
 
 /// What surrounds a stage.
 pub struct Surroundings<'a> {
-    /// The device without gradients.
+    /// The device without gradients; net, optimiser, measurements and pictures are there.
     pub device: Device,
+    /// More devices of its kind, which share the batches of a step (`optimisation.accumulate`) with it.
+    pub others: Vec<Device>,
     /// Seed of the run.
     pub seed: u64,
     /// Threads that make batches.

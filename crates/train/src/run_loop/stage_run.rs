@@ -1,5 +1,6 @@
 //! One stage while it trains: net, optimiser, data and what they report.
 
+use super::devices::{Launched, begin, copies};
 use super::{Outcome, Surroundings, TrainError, Trained};
 use crate::checkpoint::{Checkpoint, Measured, State};
 use crate::config::OnNan;
@@ -9,7 +10,7 @@ use crate::progress::Progress;
 use crate::recorder::{Histogram, Kind, Quantity, Row, Status};
 use crate::stage::{Moment, Stage, StageError};
 use burn::module::Module;
-use burn::tensor::Tensor;
+use burn::tensor::Device;
 use dataset::producer::{Producer, ProducerError};
 use dataset::stream::Stream;
 use rand_chacha::rand_core::Rng;
@@ -131,17 +132,23 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         let mut sum = Gradients::default();
         let mut row: Vec<(String, f64)> = Vec::new();
         let mut norm = 0.0;
-        for _ in 0..plan.accumulate {
-            let (batch, item) = self.take()?;
-            let (losses, gradients) = self.backward(batch, &item)?;
-            norm = gradients.norm();
-            // Batch by batch, so that the one at fault is known.
-            if let Err(found) = guard::check_losses(&losses).and_then(|()| guard::check_gradients(norm, &gradients)) {
-                return self.bad(found, batch, &item).map(Err);
+        let nets = copies(&self.net, &self.around.others);
+        let mut due = plan.accumulate;
+        while due > 0 {
+            let round = self.launch(&nets, due)?;
+            due -= round.len();
+            for Launched { batch, item, losses, gradients } in round {
+                let losses = losses.numbers();
+                let gradients = gradients.moved_to(&self.around.device);
+                norm = gradients.norm();
+                // Batch by batch, so that the one at fault is known.
+                if let Err(found) = guard::check_losses(&losses).and_then(|()| guard::check_gradients(norm, &gradients)) {
+                    return self.bad(found, batch, &item).map(Err);
+                }
+                sum.add(gradients);
+                add(&mut row, losses, plan.accumulate);
+                self.latest = Some((batch, item));
             }
-            sum.add(gradients);
-            add(&mut row, losses, plan.accumulate);
-            self.latest = Some((batch, item));
         }
         if plan.accumulate > 1 {
             sum.scale(1.0 / plan.accumulate as f64);
@@ -169,19 +176,25 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         Ok(Ok(StepRow { values: row, samples_per_second, waiting }))
     }
 
-    /// Losses as numbers, and the gradients, of one batch.
-    fn backward(&mut self, batch: u64, item: &S::Item) -> Result<(Vec<(String, f64)>, Gradients), TrainError> {
-        let device = self.around.device.clone();
-        // Layers that draw by themselves (dropout) draw from the device's generator.
-        device.seed(self.streams.rng("device", batch).next_u64());
-        let done = self.state.step as f64 / self.stage.steps().max(1) as f64;
-        let moment = Moment { step: self.state.step, done, rng: self.streams.rng("losses", batch) };
-        let losses = self.stage.losses(&self.net, item, moment, &device.autodiff()).map_err(|source| self.failure(source))?;
-        let number = |tensor: &Tensor<1>| f64::from(tensor.clone().into_scalar::<f32>());
-        let mut row = vec![(guard::TOTAL.to_string(), number(&losses.total))];
-        row.extend(losses.terms.iter().map(|(name, term)| (name.clone(), number(term))));
-        let gradients = gradients(&self.net, losses.total.backward());
-        Ok((row, gradients))
+    /// Hands a batch to every net, at most `due` of them, and waits for none.
+    fn launch(&mut self, nets: &[S::Net], due: usize) -> Result<Vec<Launched<S::Item>>, TrainError> {
+        let devices: Vec<Device> = std::iter::once(&self.around.device).chain(&self.around.others).cloned().collect();
+        let mut round = Vec::with_capacity(nets.len());
+        for (net, device) in nets.iter().zip(devices).take(due) {
+            let (batch, item) = self.take()?;
+            // Layers that draw by themselves (dropout) draw from the generator of the device's kind.
+            device.seed(self.streams.rng("device", batch).next_u64());
+            let done = self.state.step as f64 / self.stage.steps().max(1) as f64;
+            let moment = Moment { step: self.state.step, done, rng: self.streams.rng("losses", batch) };
+            let losses =
+                self.stage.losses(net, &item, moment, &device.clone().autodiff()).map_err(|source| self.failure(source))?;
+            let gradients = gradients(net, losses.total.backward());
+            if nets.len() > 1 {
+                begin(&device).map_err(|source| self.failure(source))?;
+            }
+            round.push(Launched { batch, item, losses, gradients });
+        }
+        Ok(round)
     }
 
     fn update(&mut self, gradients: Gradients, learning_rate: f64) -> Result<(), TrainError> {

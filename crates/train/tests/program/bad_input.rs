@@ -28,6 +28,19 @@ fn wrong_arguments() {
             ("config and resume", vec!["--config", "tiny.toml", "--resume", "x"], 2, vec!["cannot be used with"]),
             ("nothing to resume", vec!["--resume", "runs/none"], 2, vec!["runs/none", "config.toml"]),
             ("unknown device", vec!["--config", "tiny.toml", "--device", "tpu"], 2, vec!["`tpu`", "cpu, vulkan"]),
+            (
+                "two CPUs",
+                vec!["--config", "tiny.toml", "--device", "cpu,cpu"],
+                2,
+                vec!["`--device cpu,cpu`", "all cores by itself"],
+            ),
+            ("two kinds", vec!["--config", "tiny.toml", "--device", "cuda:0,vulkan:0"], 2, vec!["several kinds"]),
+            (
+                "a batch for two cards",
+                vec!["--config", "tiny.toml", "--device", "cuda:0,cuda:1"],
+                2,
+                vec!["a step of adjacent has 1", "`adjacent.optimisation.accumulate` to 2 or more"],
+            ),
             ("assignment without =", vec!["--config", "tiny.toml", "--set", "run.seed"], 2, vec!["--set table.key=value"]),
             (
                 "unknown key set",

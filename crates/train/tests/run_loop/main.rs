@@ -20,11 +20,12 @@ struct Options {
     every: u64,
     stop_at: Option<u64>,
     keep_best: usize,
+    devices: usize,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { workers: 1, on_nan: OnNan::Stop, every: 10, stop_at: None, keep_best: 0 }
+        Self { workers: 1, on_nan: OnNan::Stop, every: 10, stop_at: None, keep_best: 0, devices: 1 }
     }
 }
 
@@ -41,6 +42,7 @@ fn run(folder: &Path, stage: &Toy, options: &Options) -> Result<Outcome<Line>, T
     let device = burn::tensor::Device::flex();
     let from = store.newest("toy", &device)?;
     let mut around = Surroundings {
+        others: vec![device.clone(); options.devices - 1],
         device,
         seed: 5,
         data_workers: options.workers,
@@ -104,6 +106,40 @@ fn a_stop_and_resume_equals_no_stop_to_the_last_bit_whatever_the_workers() {
         let resumed = finished(run(&parts, &stage, &Options { workers: 3, ..Options::default() }));
         assert_eq!(curve(&whole), curve(&parts));
         assert_eq!(straight.measured[0].1.to_bits(), resumed.measured[0].1.to_bits());
+    }
+}
+
+/// The CPU stands in for every one of the cards: it is the same code that shares the batches.
+#[test]
+fn several_devices_give_the_steps_of_one_to_the_last_bit_also_over_a_stop() {
+    for (accumulate, counts) in [(4, [2, 3, 4]), (5, [2, 4, 5])] {
+        let mut stage = Toy::new(20);
+        stage.plan.accumulate = accumulate;
+        let (_home, one) = new_run("one");
+        let alone = finished(run(&one, &stage, &Options::default()));
+        for devices in counts {
+            let (_home, several) = new_run("several");
+            let stopped = run(&several, &stage, &Options { devices, stop_at: Some(7), ..Options::default() });
+            assert!(matches!(stopped.unwrap(), Outcome::Stopped { step: 7 }));
+            let together = finished(run(&several, &stage, &Options { devices: devices - 1, ..Options::default() }));
+            assert_eq!(curve(&one), curve(&several), "{accumulate} batches on {devices} devices");
+            assert_eq!(alone.measured[0].1.to_bits(), together.measured[0].1.to_bits());
+        }
+    }
+}
+
+#[test]
+fn a_bad_batch_is_blamed_on_whichever_device_it_was() {
+    for poisoned in [13, 14] {
+        let (_home, folder) = new_run("run");
+        let mut stage = Toy::new(10);
+        stage.plan.accumulate = 4;
+        stage.poisoned = vec![poisoned];
+        let Err(error) = run(&folder, &stage, &Options { devices: 3, ..Options::default() }) else { panic!("it went on") };
+        let TrainError::NonFinite { step, batch, .. } = &error else { panic!("{error}") };
+        assert_eq!((*step, *batch), (3, poisoned));
+        let options = Options { on_nan: OnNan::Restore, devices: 2, ..Options::default() };
+        assert_eq!(finished(run(&folder, &stage, &options)).skipped, [poisoned]);
     }
 }
 
