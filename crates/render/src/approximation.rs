@@ -35,14 +35,16 @@ pub fn ln(x: f32) -> f32 {
 /// 2^x for x in [−126, 127] (clamped to it); relative error below 3e-7.
 #[inline(always)]
 pub fn exp2(x: f32) -> f32 {
-    let x = x.clamp(-126.0, 127.0);
-    let whole = (x + 127.5) as i32 - 127; // round to nearest: the argument of the cast is positive
-    let f = (x - whole as f32) * std::f32::consts::LN_2; // |f| ≤ ln 2 / 2
+    // 1.5·2²³: the last bits of a sum with it are the nearest whole number. A cast saturates, which vectors can't.
+    const ROUND: f32 = 12_582_912.0;
+    let sum = x.clamp(-126.0, 127.0) + ROUND;
+    let whole = sum.to_bits().wrapping_sub(ROUND.to_bits());
+    let f = (x.clamp(-126.0, 127.0) - (sum - ROUND)) * std::f32::consts::LN_2; // |f| ≤ ln 2 / 2
     let mut p = 1.0 / 5040.0;
     for c in [1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0] {
         p = p * f + c;
     }
-    p * f32::from_bits(((whole + 127) as u32) << 23)
+    p * f32::from_bits(whole.wrapping_add(127) << 23)
 }
 
 /// x^p for x ≥ 0 (0 where x = 0); relative error below 1e-6 for |p| ≤ 2.2 and x in [1e-6, 1e6].

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::block::LANES;
 use crate::camera::Camera;
 
 /// Largest absolute k1 and k2 for which [`RadialDistortion`] folds no part of an image over another.
@@ -36,24 +37,15 @@ impl RadialDistortion {
 
     /// The pixel at which the lens shows what a pinhole camera shows at pixel (x, y).
     pub fn distort(&self, camera: &Camera, (x, y): (f64, f64), res: usize) -> (f64, f64) {
-        let (focal, centre) = (camera.focal_px(res), centre(res));
-        let (a, b) = ((x - centre) / focal, (y - centre) / focal);
-        let factor = self.factor(a * a + b * b);
-        (centre + factor * (x - centre), centre + factor * (y - centre))
+        ImageLens::new(*self, camera, res).distort((x, y))
     }
 
     /// The pixel at which a pinhole camera shows what the lens shows at pixel (x, y).
     pub fn undistort(&self, camera: &Camera, (x, y): (f64, f64), res: usize) -> (f64, f64) {
-        if self.is_none() {
-            return (x, y);
-        }
-        let (focal, centre) = (camera.focal_px(res), centre(res));
-        let shown = (x - centre).hypot(y - centre) / focal;
-        let r = self.undistorted_radius(shown);
-        let factor = self.factor(r * r);
-        (centre + (x - centre) / factor, centre + (y - centre) / factor)
+        ImageLens::new(*self, camera, res).undistort((x, y))
     }
 
+    #[inline(always)]
     fn factor(&self, r2: f64) -> f64 {
         let r2 = r2.min(FACTOR_R2);
         1.0 + r2 * (self.k1 + r2 * self.k2)
@@ -67,15 +59,114 @@ impl RadialDistortion {
         }
         let mut r = shown.min(end);
         for _ in 0..NEWTON_STEPS {
-            let r2 = r * r;
-            let slope = 1.0 + r2 * (3.0 * self.k1 + 5.0 * r2 * self.k2);
-            let step = (r * self.factor(r2) - shown) / slope.max(1e-3);
-            r = (r - step).clamp(0.0, end);
+            let next = self.newton(r, shown);
+            let step = next - r;
+            r = next;
             if step.abs() < 1e-13 {
                 break;
             }
         }
         r
+    }
+
+    /// A step of Newton's method towards the r with r·factor(r²) = `shown`.
+    #[inline(always)]
+    fn newton(&self, r: f64, shown: f64) -> f64 {
+        let r2 = r * r;
+        let slope = 1.0 + r2 * (3.0 * self.k1 + 5.0 * r2 * self.k2);
+        let step = (r * self.factor(r2) - shown) / slope.max(1e-3);
+        (r - step).clamp(0.0, FACTOR_R2.sqrt())
+    }
+
+    /// Newton steps after which every radius up to `shown` is within 1e-9 focal lengths.
+    fn newton_steps(&self, shown: f64) -> usize {
+        let needed = |shown: f64| {
+            let exact = self.undistorted_radius(shown).min(FACTOR_R2.sqrt());
+            let mut r = shown.min(FACTOR_R2.sqrt());
+            for step in 0..NEWTON_STEPS {
+                if (r - exact).abs() < 1e-9 {
+                    return step;
+                }
+                r = self.newton(r, shown);
+            }
+            NEWTON_STEPS
+        };
+        // Slowest where the shown distance hardly grows any more: before the end, or never.
+        let slowest = (FACTOR_R2.sqrt() * self.factor(FACTOR_R2)).min(shown);
+        let radii = (1..=32).map(|k| shown * f64::from(k) / 32.0).chain((1..=8).map(|k| slowest * (1.0 - 0.1_f64.powi(k))));
+        radii.map(needed).max().unwrap_or(NEWTON_STEPS).max(1)
+    }
+}
+
+/// [`RadialDistortion`] in the pixels of one image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImageLens {
+    lens: RadialDistortion,
+    focal: f64,
+    centre: f64,
+    /// Newton steps that all its pixels together need; 0 where straight lines stay straight.
+    steps: usize,
+}
+
+impl ImageLens {
+    /// Of the images of a camera.
+    pub fn new(lens: RadialDistortion, camera: &Camera, res: usize) -> Self {
+        let (focal, centre) = (camera.focal_px(res), centre(res));
+        let steps = if lens.is_none() { 0 } else { lens.newton_steps(centre * std::f64::consts::SQRT_2 / focal) };
+        Self { lens, focal, centre, steps }
+    }
+
+    /// Whether straight lines stay straight.
+    pub fn is_none(&self) -> bool {
+        self.steps == 0
+    }
+
+    /// [`RadialDistortion::distort`].
+    #[inline]
+    pub fn distort(&self, (x, y): (f64, f64)) -> (f64, f64) {
+        let (a, b) = ((x - self.centre) / self.focal, (y - self.centre) / self.focal);
+        let factor = self.lens.factor(a * a + b * b);
+        (self.centre + factor * (x - self.centre), self.centre + factor * (y - self.centre))
+    }
+
+    /// [`RadialDistortion::undistort`].
+    #[inline]
+    pub fn undistort(&self, (x, y): (f64, f64)) -> (f64, f64) {
+        if self.steps == 0 {
+            return (x, y);
+        }
+        let (a, b) = (x - self.centre, y - self.centre);
+        let r = self.lens.undistorted_radius((a * a + b * b).sqrt() / self.focal);
+        let factor = self.lens.factor(r * r);
+        (self.centre + a / factor, self.centre + b / factor)
+    }
+
+    /// [`ImageLens::undistort`] for the pixels of a block, within 1e-6 pixels.
+    #[inline(always)]
+    pub fn undistort_block(&self, [x, y]: [&[f64; LANES]; 2]) -> [[f64; LANES]; 2] {
+        if self.steps == 0 {
+            return [*x, *y];
+        }
+        let end = FACTOR_R2.sqrt();
+        let (mut shown, mut r) = ([0.0; LANES], [0.0; LANES]);
+        for k in 0..LANES {
+            let (a, b) = (x[k] - self.centre, y[k] - self.centre);
+            shown[k] = (a * a + b * b).sqrt() / self.focal;
+            r[k] = shown[k].min(end);
+        }
+        for _ in 0..self.steps {
+            for k in 0..LANES {
+                r[k] = self.lens.newton(r[k], shown[k]);
+            }
+        }
+        let mut ideal = [[0.0; LANES]; 2];
+        for k in 0..LANES {
+            // Beyond the end, where the factor is constant, Newton's steps stop at the end too.
+            let scale = 1.0 / self.lens.factor(r[k] * r[k]);
+            ideal[0][k] = self.centre + (x[k] - self.centre) * scale;
+            ideal[1][k] = self.centre + (y[k] - self.centre) * scale;
+        }
+        ideal
     }
 }
 
@@ -140,6 +231,24 @@ mod tests {
                 let (x, y) = lens.undistort(&camera(), p, 100);
                 let back = lens.distort(&camera(), (x, y), 100);
                 assert!((back.0 - p.0).abs() < 1e-6 && (back.1 - p.1).abs() < 1e-6, "{k1} {k2}: {p:?} {back:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_block_is_undistorted_like_its_pixels() {
+        for (k1, k2) in [(0.0, 0.0), (0.08, -0.04), (-0.08, 0.04), (-0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)] {
+            let lens = RadialDistortion { k1, k2 };
+            let block = ImageLens::new(lens, &camera(), 100);
+            for y in [0.0, 3.0, 49.0, 99.0] {
+                for first in [0.0, 16.0, 84.0] {
+                    let x = std::array::from_fn(|k| first + k as f64);
+                    let [u, v] = block.undistort_block([&x, &[y; LANES]]);
+                    for k in 0..LANES {
+                        let (a, b) = lens.undistort(&camera(), (x[k], y), 100);
+                        assert!((u[k] - a).abs() < 1e-6 && (v[k] - b).abs() < 1e-6, "{k1} {k2}: {} {y}", x[k]);
+                    }
+                }
             }
         }
     }

@@ -4,30 +4,48 @@ use ops::colour::GAMMA;
 use ops::planes::Planes;
 use rayon::prelude::*;
 
+use crate::block::LANES;
+
 /// Linear light to the frame a program reads: clip to [0, 1], power 1/2.2, 8 bits. Noise is light and is added before.
 ///
 /// Values come back as multiples of 1/255.
 pub fn expose(linear: &Planes) -> Planes {
-    let mut frame = Planes::new(linear.channels, linear.height, linear.width);
-    let encoder = Encoder::shared();
-    let rows = frame.data.par_chunks_mut(linear.width).zip(linear.data.par_chunks(linear.width));
-    rows.for_each(|(out, light)| out.iter_mut().zip(light).for_each(|(value, &x)| *value = encoder.encode(x)));
+    let mut frame = linear.clone();
+    frame.data.par_chunks_mut(linear.width).for_each(expose_row);
     frame
+}
+
+/// [`expose`] in place.
+#[inline]
+pub fn expose_row(light: &mut [f32]) {
+    let encoder = Encoder::shared();
+    let (blocks, rest) = light.as_chunks_mut::<LANES>();
+    blocks.iter_mut().for_each(|block| encoder.encode(block));
+    for value in rest {
+        let mut block = [*value; LANES];
+        encoder.encode(&mut block);
+        *value = block[0];
+    }
 }
 
 /// Linear value to 8-bit code without a power or a branch per pixel: by a table over √x, in which the codes' thresholds lie
 /// almost evenly, and one comparison.
 struct Encoder {
-    /// The code at the lower end of each bin.
-    guess: Vec<u8>,
-    /// The light from which on the code is at least k; code 256 is never reached.
-    threshold: [f32; 257],
+    /// The code at the lower end of each bin, and the light from which on it is the next one.
+    bins: [Bin; Self::BINS + 1],
     /// The code as a share of 255.
     share: [f32; 256],
 }
 
+#[derive(Clone, Copy)]
+struct Bin {
+    code: u32,
+    next: f32,
+}
+
 impl Encoder {
-    /// Bins over √x from 0 to 1: narrower than the distance between two thresholds, so that none holds two.
+    /// Bins over √x from 0 to 1, each around a multiple of 1/1024: narrower than the distance between two thresholds, so that none
+    /// holds two.
     const BINS: usize = 1024;
 
     fn shared() -> &'static Self {
@@ -36,29 +54,41 @@ impl Encoder {
     }
 
     fn new() -> Self {
-        let mut threshold = [f32::INFINITY; 257];
-        for (k, t) in threshold.iter_mut().enumerate().take(256) {
-            *t = if k == 0 { 0.0 } else { ((k as f32 - 0.5) / 255.0).powf(GAMMA) };
-        }
+        let threshold = |code: u32| ((code as f32 - 0.5) / 255.0).powf(GAMMA);
+        let thresholds: Vec<f32> = (1..256).map(threshold).collect();
         // A root that was rounded up may reach a bin's lower end from below.
-        let lower = |bin: usize| ((bin as f32 - 0.01) / Self::BINS as f32).max(0.0).powi(2);
-        let code = |x: f32| threshold[1..256].partition_point(|t| *t <= x) as u8;
-        let guess = (0..=Self::BINS).map(|bin| code(lower(bin))).collect();
-        Self { guess, threshold, share: std::array::from_fn(|k| k as f32 / 255.0) }
+        let lower = |bin: usize| ((bin as f32 - 0.51) / Self::BINS as f32).max(0.0).powi(2);
+        let bin = |bin: usize| {
+            let code = thresholds.partition_point(|t| *t <= lower(bin));
+            Bin { code: code as u32, next: thresholds.get(code).copied().unwrap_or(f32::INFINITY) }
+        };
+        Self { bins: std::array::from_fn(bin), share: std::array::from_fn(|k| k as f32 / 255.0) }
     }
 
-    /// round(255·clip(x)^(1/2.2)).
-    #[inline]
-    fn code(&self, x: f32) -> usize {
-        let x = x.clamp(0.0, 1.0);
-        let guess = usize::from(self.guess[(x.sqrt() * Self::BINS as f32) as usize]);
-        guess + usize::from(x >= self.threshold[guess + 1])
+    /// round(255·clip(x)^(1/2.2)) of every value.
+    #[inline(always)]
+    fn codes(&self, light: &[f32; LANES]) -> [usize; LANES] {
+        // 2²³: the last bits of a sum with it are the nearest whole number.
+        const ROUND: f32 = 8_388_608.0;
+        let (mut clipped, mut bins) = ([0.0; LANES], [0; LANES]);
+        for k in 0..LANES {
+            // NaN is dark.
+            clipped[k] = if light[k] > 0.0 { light[k].min(1.0) } else { 0.0 };
+            bins[k] = (clipped[k].sqrt() * Self::BINS as f32 + ROUND).to_bits() - ROUND.to_bits();
+        }
+        std::array::from_fn(|k| {
+            let Bin { code, next } = self.bins[(bins[k] as usize).min(Self::BINS)];
+            code as usize + usize::from(clipped[k] >= next)
+        })
     }
 
-    /// The code as a share of 255.
-    #[inline]
-    fn encode(&self, x: f32) -> f32 {
-        self.share[self.code(x)]
+    /// Codes as shares of 255.
+    #[inline(always)]
+    fn encode(&self, light: &mut [f32; LANES]) {
+        let codes = self.codes(light);
+        for k in 0..LANES {
+            light[k] = self.share[codes[k].min(255)];
+        }
     }
 }
 
@@ -70,17 +100,18 @@ mod tests {
     #[test]
     fn codes_are_the_rounded_encoding() {
         let encoder = Encoder::new();
+        let code = |x: f32| encoder.codes(&[x; LANES])[0];
         for i in 0..=100_000 {
             let x = i as f32 / 100_000.0;
             let exact = f64::from(x).powf(1.0 / 2.2) * 255.0;
-            assert!((encoder.code(x) as f64 - exact).abs() < 0.5001, "{x}");
+            assert!((code(x) as f64 - exact).abs() < 0.5001, "{x}");
         }
         // At every threshold and the numbers beside it, where the guess could be two codes off.
-        for (k, &t) in encoder.threshold[1..256].iter().enumerate() {
-            assert_eq!((encoder.code(t.next_down()), encoder.code(t)), (k, k + 1));
+        for k in 0..255 {
+            let t = ((k as f32 + 0.5) / 255.0).powf(GAMMA);
+            assert_eq!((code(t.next_down()), code(t)), (k, k + 1));
         }
-        assert_eq!(encoder.code(-3.0), 0);
-        assert_eq!(encoder.code(7.0), 255);
+        assert_eq!((code(-3.0), code(7.0), code(f32::NAN)), (0, 255, 0));
     }
 
     #[test]
@@ -88,5 +119,9 @@ mod tests {
         let light = Planes::from_vec(3, 1, 2, vec![0.2, -1.0, 0.5, 2.0, 0.0, 1.0]);
         let grey = |x: f32| (gamma_encode(x) * 255.0).round() / 255.0;
         assert_eq!(expose(&light).data, [grey(0.2), 0.0, grey(0.5), 1.0, 0.0, 1.0]);
+        // A row longer than a block.
+        let ramp: Vec<f32> = (0..LANES + 5).map(|x| x as f32 / 20.0).collect();
+        let expected: Vec<f32> = ramp.iter().map(|x| grey(x.min(1.0))).collect();
+        assert_eq!(expose(&Planes::from_vec(1, 1, LANES + 5, ramp)).data, expected);
     }
 }
