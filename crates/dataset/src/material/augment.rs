@@ -202,7 +202,7 @@ impl PerlinLayer {
     /// Replaces texels by the layer where the mask is 0.
     #[inline(always)]
     fn blend(&self, texels: &mut TexelBlock, [tx, ty]: [&Lane; 2], footprint: &Lane) {
-        let base: Lane = std::array::from_fn(|k| self.mask.value(tx[k], ty[k], footprint[k]));
+        let base = self.mask.value_block([tx, ty], footprint);
         let mix = |lane: &mut Lane, layer: f32| {
             for k in 0..LANES {
                 lane[k] = layer + base[k] * (lane[k] - layer);

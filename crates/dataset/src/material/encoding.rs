@@ -1,4 +1,4 @@
-//! How one texel is stored: nine numbers of 8 or 16 bit, side by side, so that a tap touches one cache line.
+//! How one texel is stored: nine numbers of 8 or 16 bit, side by side, so that a tap touches one or two cache lines.
 //!
 //! Colours are stored as their square root (a gamma of 2): steps as fine in the dark as sRGB's, where linear 8 bit would
 //! band, and decoded by one multiplication. Normals store x and y around a centre that stands for exactly 0 (128, as
@@ -8,10 +8,8 @@ use render::texel::Texel;
 
 /// Numbers per stored texel.
 pub(crate) const STORED: usize = 9;
-/// Numbers that a tap reads: a multiple of the vector width; the last three belong to the next texel.
-pub(crate) const LANES: usize = 12;
-/// Words of 32 bits that hold a texel's numbers, whatever they are stored in.
-pub(crate) const WORDS: usize = STORED.div_ceil(2);
+/// Numbers of a texel that one vector holds; the ninth is summed by itself.
+pub(crate) const VECTOR: usize = 8;
 /// Lane of the diffuse red.
 pub(crate) const DIFFUSE: usize = 0;
 /// Lane of the specular red.
@@ -24,11 +22,11 @@ pub(crate) const NORMAL: usize = 7;
 /// Steepest storable normal: at z → 0 the root that recovers z has no stable derivative.
 const MIN_NORMAL_Z: f32 = 0.05;
 
-/// A tap's values, decoded to linear light.
-pub(crate) type Lanes = [f32; LANES];
+/// The values of a texel or of a mean of texels.
+pub(crate) type Lanes = [f32; STORED];
 
 /// An integer that texels are stored in.
-pub(crate) trait Stored: Copy + Send + Sync + Default + 'static {
+pub(crate) trait Stored: Copy + Into<i32> + Send + Sync + Default + 'static {
     /// The integer that stands for 0 in a normal.
     const CENTRE: f32;
     /// Largest integer.
@@ -37,12 +35,6 @@ pub(crate) trait Stored: Copy + Send + Sync + Default + 'static {
     fn widen(self) -> f32;
     /// Rounds and clamps.
     fn narrow(value: f32) -> Self;
-    /// A texel's numbers packed into words of 32 bits, the first in the lowest bits.
-    fn words(tap: &[Self; LANES]) -> [u32; WORDS];
-    /// The word that holds a lane.
-    fn word(lane: usize) -> usize;
-    /// The number of a lane in its word.
-    fn number<const LANE: usize>(word: u32) -> f32;
 }
 
 macro_rules! stored {
@@ -58,24 +50,6 @@ macro_rules! stored {
             fn narrow(value: f32) -> Self {
                 (value + 0.5) as $int
             }
-            #[inline(always)]
-            fn words(tap: &[Self; LANES]) -> [u32; WORDS] {
-                let mut words = [0; WORDS];
-                for lane in 0..STORED {
-                    words[Self::word(lane)] |= u32::from(tap[lane]) << (lane * <$int>::BITS as usize % 32);
-                }
-                words
-            }
-            #[inline(always)]
-            fn word(lane: usize) -> usize {
-                lane * <$int>::BITS as usize / 32
-            }
-            #[inline(always)]
-            fn number<const LANE: usize>(word: u32) -> f32 {
-                let shifted = word >> (LANE * <$int>::BITS as usize % 32);
-                // Signed, which processors convert at once.
-                (shifted & u32::from(<$int>::MAX)) as i32 as f32
-            }
         }
     };
 }
@@ -83,55 +57,74 @@ macro_rules! stored {
 stored!(u8, 128.0);
 stored!(u16, 32768.0);
 
-/// A weighted sum of stored texels, kept in the units they are stored in until it is decoded once.
+/// Σ weight·stored² of the colours and Σ weight·stored of roughness and normal.
 ///
-/// Written over fours of lanes because that is what the compiler turns into vector instructions (three conversions and
-/// seven multiplications per tap on plain x86-64).
-#[derive(Default)]
+/// The first eight numbers of a texel are one vector, the ninth (the normal's y) is alone: a block of samples sums the
+/// ninths of all its pixels together.
+#[derive(Clone, Copy, Default)]
 pub(crate) struct Sum {
-    /// Σ weight·stored² of lanes 0–3 and 4–7: the colours.
-    square: [[f32; 4]; 2],
-    /// Σ weight·stored of lanes 4–7 and 8–11: roughness and normal.
-    linear: [[f32; 4]; 2],
+    first: [f32; VECTOR],
+    ninth: f32,
 }
 
 impl Sum {
-    /// Adds `weight` times the texel at `index`.
+    /// Adds `weight` times a texel.
     #[inline(always)]
-    pub(crate) fn add<T: Stored>(&mut self, data: &[T], index: usize, weight: f32) {
-        let tap: &[T; LANES] = data[index * STORED..].first_chunk().expect("levels end with spare numbers for the last tap");
-        let quad = |k: usize| [tap[k].widen(), tap[k + 1].widen(), tap[k + 2].widen(), tap[k + 3].widen()];
-        let (a, b, c) = (quad(0), quad(4), quad(8));
-        for i in 0..4 {
-            self.square[0][i] += a[i] * a[i] * weight;
-        }
-        for i in 0..4 {
-            let weighted = b[i] * weight;
-            self.linear[0][i] += weighted;
-            self.square[1][i] += weighted * b[i];
-        }
-        for i in 0..4 {
-            self.linear[1][i] += c[i] * weight;
-        }
+    pub(crate) fn add<T: Stored>(&mut self, texel: &[T; STORED], weight: f32) {
+        add_first(&mut self.first, texel, weight);
+        self.ninth += texel[VECTOR].widen() * weight;
     }
 
-    /// The decoded mean, for weights that add up to 1.
+    /// Moves the sum towards another by a share of the way.
     #[inline(always)]
-    pub(crate) fn decode<T: Stored>(&self) -> Lanes {
-        let square = 1.0 / (T::MAX * T::MAX);
-        let direction = 1.0 / (T::MAX - T::CENTRE);
-        let ([a, b], [c, d]) = (self.square, self.linear);
-        let mut lanes = [0.0; LANES];
-        for i in 0..4 {
-            lanes[i] = a[i] * square;
+    pub(crate) fn mix(&mut self, other: &Self, share: f32) {
+        for lane in 0..VECTOR {
+            self.first[lane] += share * (other.first[lane] - self.first[lane]);
         }
-        lanes[4] = b[0] * square;
-        lanes[5] = b[1] * square;
-        lanes[ROUGHNESS] = c[2] * (1.0 / T::MAX);
-        lanes[NORMAL] = (c[3] - T::CENTRE) * direction;
-        lanes[NORMAL + 1] = (d[0] - T::CENTRE) * direction;
+        self.ninth += share * (other.ninth - self.ninth);
+    }
+
+    /// The mean in the units that texels are stored in, for weights that add up to 1; the normal's x and y times `sign`.
+    #[inline(always)]
+    pub(crate) fn mean<T: Stored>(&self, sign: [f32; 2]) -> Lanes {
+        let mut lanes = [0.0; STORED];
+        lanes[..VECTOR].copy_from_slice(&self.first);
+        lanes[NORMAL] = around_centre::<T>(self.first[NORMAL], sign[0]);
+        lanes[NORMAL + 1] = around_centre::<T>(self.ninth, sign[1]);
         lanes
     }
+}
+
+/// Adds `weight` times the first eight numbers of a texel, the colours squared.
+#[inline(always)]
+pub(super) fn add_first<T: Stored>(sum: &mut [f32; VECTOR], texel: &[T; STORED], weight: f32) {
+    for lane in 0..VECTOR {
+        let value = texel[lane].widen();
+        let factor = if lane < ROUGHNESS { value } else { 1.0 };
+        sum[lane] += value * factor * weight;
+    }
+}
+
+/// A coordinate of the normal as it is stored, made 0 for flat ones.
+#[inline(always)]
+pub(super) fn around_centre<T: Stored>(stored: f32, sign: f32) -> f32 {
+    (stored - T::CENTRE) * sign
+}
+
+/// What a lane of [`Sum::mean`] is multiplied by to be linear light, roughness, or a coordinate of the normal.
+#[inline(always)]
+pub(super) fn unit<T: Stored>(lane: usize) -> f32 {
+    match lane {
+        ..ROUGHNESS => 1.0 / (T::MAX * T::MAX),
+        ROUGHNESS => 1.0 / T::MAX,
+        _ => 1.0 / (T::MAX - T::CENTRE),
+    }
+}
+
+/// The values that a [`Sum::mean`] stands for.
+#[inline(always)]
+pub(crate) fn decoded<T: Stored>(mean: &Lanes) -> Lanes {
+    std::array::from_fn(|lane| mean[lane] * unit::<T>(lane))
 }
 
 /// Stores decoded values.
@@ -147,7 +140,7 @@ pub(crate) fn encode<T: Stored>(lanes: &Lanes, out: &mut [T]) {
 
 /// The lanes of a texel, its normal made unit and kept off the horizon.
 pub(crate) fn lanes_of(texel: &Texel) -> Lanes {
-    let mut lanes = [0.0; LANES];
+    let mut lanes = [0.0; STORED];
     lanes[DIFFUSE..SPECULAR].copy_from_slice(&texel.diffuse);
     lanes[SPECULAR..ROUGHNESS].copy_from_slice(&texel.specular);
     lanes[ROUGHNESS] = texel.roughness;
@@ -182,11 +175,11 @@ mod tests {
     use super::*;
 
     fn round_trip<T: Stored>(texel: &Texel) -> Texel {
-        let mut stored = vec![T::default(); LANES];
+        let mut stored = [T::default(); STORED];
         encode(&lanes_of(texel), &mut stored);
         let mut sum = Sum::default();
-        sum.add(&stored, 0, 1.0);
-        texel_of(&sum.decode::<T>())
+        sum.add(&stored, 1.0);
+        texel_of(&decoded::<T>(&sum.mean::<T>([1.0; 2])))
     }
 
     #[test]

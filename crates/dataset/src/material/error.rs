@@ -7,9 +7,9 @@ use crate::image_io::ImageError;
 /// A material that can't be used, and why.
 #[derive(Debug, thiserror::Error)]
 pub enum MaterialError {
-    /// A tile without texels.
+    /// A tile without texels, or with too many.
     #[error(
-        "material {name}: {width}×{height} texels; expected at least 1×1 and a positive number of texels over the material"
+        "material {name}: {width}×{height} texels; expected 1×1 to 16384×16384 and a positive number of texels over the material"
     )]
     Size {
         /// Name of the material.

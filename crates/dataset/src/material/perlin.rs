@@ -2,8 +2,12 @@
 //!
 //! A mask is a function of the texel's position and is evaluated where it is sampled, at any footprint.
 
-use rand::{Rng, RngExt};
+#![allow(clippy::needless_range_loop, reason = "lockstep loops over several arrays are plainest with one index")]
 
+use rand::{Rng, RngExt};
+use render::block::{LANES, Lane};
+
+use super::levels::whole_and_fraction;
 use crate::stream::Stream;
 
 /// Seed of the pool of masks: a constant, so that every run draws from the same pool.
@@ -16,23 +20,23 @@ const LACUNARITY: f32 = 2.0;
 const TYPICAL_SLOPE: f32 = 1.0;
 
 /// Gradients of classic Perlin noise, seen in the plane z = 0: the twelve edge midpoints of a cube and four of them again.
-const GRADIENTS: [[f32; 2]; 16] = [
-    [1.0, 1.0],
-    [-1.0, 1.0],
-    [1.0, -1.0],
-    [-1.0, -1.0],
-    [1.0, 0.0],
-    [-1.0, 0.0],
-    [1.0, 0.0],
-    [-1.0, 0.0],
-    [0.0, 1.0],
-    [0.0, -1.0],
-    [0.0, 1.0],
-    [0.0, -1.0],
-    [1.0, 0.0],
-    [-1.0, 0.0],
-    [0.0, -1.0],
-    [0.0, 1.0],
+const GRADIENTS: [[i32; 2]; 16] = [
+    [1, 1],
+    [-1, 1],
+    [1, -1],
+    [-1, -1],
+    [1, 0],
+    [-1, 0],
+    [1, 0],
+    [-1, 0],
+    [0, 1],
+    [0, -1],
+    [0, 1],
+    [0, -1],
+    [1, 0],
+    [-1, 0],
+    [0, -1],
+    [0, 1],
 ];
 
 /// Thresholded Perlin noise over the texel grid.
@@ -68,40 +72,53 @@ impl PerlinMask {
     }
 
     /// The noise under the threshold: octaves added and divided by the sum of their amplitudes, so within \[−1, 1\].
-    #[inline]
     pub fn noise(&self, tx: f32, ty: f32) -> f32 {
+        self.noise_block([&[tx; LANES], &[ty; LANES]])[0]
+    }
+
+    #[inline(always)]
+    fn noise_block(&self, [tx, ty]: [&Lane; 2]) -> Lane {
         let mut frequency = 1.0 / self.wavelength;
-        let (mut amplitude, mut sum, mut total) = (1.0, 0.0, 0.0);
+        let (mut amplitude, mut sum, mut total) = (1.0, [0.0; LANES], 0.0);
         for octave in 0..self.octaves {
-            let (x, y) = (tx * frequency + self.offset[0], ty * frequency + self.offset[1]);
-            sum += amplitude * perlin(x, y, octave);
+            for k in 0..LANES {
+                let (x, y) = (tx[k] * frequency + self.offset[0], ty[k] * frequency + self.offset[1]);
+                sum[k] += amplitude * perlin(x, y, octave);
+            }
             total += amplitude;
             amplitude *= PERSISTENCE;
             frequency *= LACUNARITY;
         }
-        sum / total
+        sum.map(|sum| sum / total)
     }
 
     /// The mask's value: 1 where the noise is above the threshold, 0 below, and an edge as wide as the footprint between.
     ///
     /// # Units
     /// Texels of the 4096² grid.
-    #[inline]
     pub fn value(&self, tx: f32, ty: f32, footprint: f32) -> f32 {
-        let texels = (self.noise(tx, ty) - self.threshold) * self.wavelength / TYPICAL_SLOPE;
-        (texels / footprint.max(1.0) + 0.5).clamp(0.0, 1.0)
+        self.value_block([&[tx; LANES], &[ty; LANES]], &[footprint; LANES])[0]
+    }
+
+    /// [`PerlinMask::value`] at the places of a block.
+    #[inline(always)]
+    pub fn value_block(&self, places: [&Lane; 2], footprint: &Lane) -> Lane {
+        let mut value = self.noise_block(places);
+        for k in 0..LANES {
+            let texels = (value[k] - self.threshold) * self.wavelength / TYPICAL_SLOPE;
+            value[k] = (texels / footprint[k].max(1.0) + 0.5).clamp(0.0, 1.0);
+        }
+        value
     }
 }
 
 /// Classic gradient noise with the quintic fade. Zero at every lattice point.
-#[inline]
+#[inline(always)]
 fn perlin(x: f32, y: f32, octave: u32) -> f32 {
-    let (x0, y0) = (x.floor(), y.floor());
-    let (fx, fy) = (x - x0, y - y0);
-    let (ix, iy) = (x0 as i32 as u32, y0 as i32 as u32);
-    let corner = |dx: u32, dy: u32| {
-        let [gx, gy] = GRADIENTS[lattice_hash(ix.wrapping_add(dx), iy.wrapping_add(dy), octave) as usize & 15];
-        gx * (fx - dx as f32) + gy * (fy - dy as f32)
+    let ((ix, fx), (iy, fy)) = (whole_and_fraction(x), whole_and_fraction(y));
+    let corner = |dx: i32, dy: i32| {
+        let hash = lattice_hash((ix + dx) as u32, (iy + dy) as u32, octave);
+        gradient(GRADIENTS_X, hash) * (fx - dx as f32) + gradient(GRADIENTS_Y, hash) * (fy - dy as f32)
     };
     let fade = |t: f32| t * t * t * (t * (t * 6.0 - 15.0) + 10.0);
     let (u, v) = (fade(fx), fade(fy));
@@ -110,8 +127,28 @@ fn perlin(x: f32, y: f32, octave: u32) -> f32 {
     top + v * (bottom - top)
 }
 
+/// A coordinate of the gradient that the lowest four bits of a hash choose, by a shift rather than a look into the table: that
+/// vectorises.
+#[inline(always)]
+fn gradient(packed: u32, hash: u32) -> f32 {
+    ((packed >> (2 * (hash & 15))) & 3) as i32 as f32 - 1.0
+}
+
+/// A coordinate of all [`GRADIENTS`], each plus one in two bits.
+const fn packed(axis: usize) -> u32 {
+    let (mut bits, mut k) = (0, 0);
+    while k < GRADIENTS.len() {
+        bits |= ((GRADIENTS[k][axis] + 1) as u32) << (2 * k);
+        k += 1;
+    }
+    bits
+}
+
+const GRADIENTS_X: u32 = packed(0);
+const GRADIENTS_Y: u32 = packed(1);
+
 /// A well-mixed number per lattice point: what the permutation table is to the original, without its period of 256.
-#[inline]
+#[inline(always)]
 fn lattice_hash(x: u32, y: u32, octave: u32) -> u32 {
     let mut h = x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca77).rotate_left(16) ^ octave.wrapping_mul(0xc2b2_ae3d);
     h = (h ^ (h >> 15)).wrapping_mul(0x2c1b_3c6d);

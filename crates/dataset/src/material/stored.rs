@@ -5,8 +5,8 @@ use render::texel::Texel;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::encoding::{LANES, Lanes, ROUGHNESS, SPECULAR, STORED, Stored, lanes_of, texel_of};
-use super::levels::{LEVEL_LOG2, Level, chain, coarse, mix, octave_of};
+use super::encoding::{Lanes, ROUGHNESS, SPECULAR, STORED, Stored, decoded, lanes_of, texel_of};
+use super::levels::{LEVEL_LOG2, Level, chain, coarse, mix, octave_of, pitch_bytes, whole_and_fraction};
 use super::{MaterialError, MaterialMaps, block};
 
 /// Texels of the virtual grid over the material's [−1, 1]² (paper §4: 4096² maps).
@@ -16,6 +16,9 @@ pub const MAX_BYTES: usize = 200_000_000;
 
 /// Longest side of a tile that comes from files: the grid has no more texels, and [`MAX_BYTES`] is made for it.
 pub const MAX_STORED_SIDE: usize = GRID;
+
+/// Longest side of any tile: places of its numbers fit in 32 bits.
+const MOST_SIDE: usize = 16_384;
 
 /// How a tile continues beyond its edge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -30,7 +33,7 @@ pub enum Wrap {
 
 /// The two neighbouring texels of a tile along one axis.
 pub(crate) struct Pair {
-    pub index: [usize; 2],
+    pub index: [u32; 2],
     /// −1 where the texel is seen in a mirror.
     pub sign: [f32; 2],
 }
@@ -50,12 +53,12 @@ impl Wrap {
             Self::Repeat => {
                 let a = modulo(first, size);
                 let b = if a + 1 == size { 0 } else { a + 1 };
-                Pair { index: [a as usize, b as usize], sign: [1.0; 2] }
+                Pair { index: [a as u32, b as u32], sign: [1.0; 2] }
             }
             Self::Mirror => {
                 let a = modulo(first, 2 * size);
                 let b = if a + 1 == 2 * size { 0 } else { a + 1 };
-                let fold = |i: i32| if i < size { (i as usize, 1.0) } else { ((2 * size - 1 - i) as usize, -1.0) };
+                let fold = |i: i32| if i < size { (i as u32, 1.0) } else { ((2 * size - 1 - i) as u32, -1.0) };
                 let ((a, sign_a), (b, sign_b)) = (fold(a), fold(b));
                 Pair { index: [a, b], sign: [sign_a, sign_b] }
             }
@@ -63,10 +66,13 @@ impl Wrap {
     }
 }
 
-/// Remainder ≥ 0; a division only where the period isn't a power of two.
+/// Remainder ≥ 0 of a value within ±2²³, whose quotient is at most one off in `f32`: vectors have no division of whole numbers.
 #[inline(always)]
 fn modulo(value: i32, period: i32) -> i32 {
-    if period & (period - 1) == 0 { value & (period - 1) } else { value.rem_euclid(period) }
+    let (quotient, _) = whole_and_fraction(value as f32 * (1.0 / period as f32));
+    let rest = value - quotient * period;
+    let rest = if rest < 0 { rest + period } else { rest };
+    if rest >= period { rest - period } else { rest }
 }
 
 /// What is known of a material besides its texels.
@@ -143,7 +149,7 @@ impl Material {
     /// Stores the texels that `texel(column, row)` gives for a tile; row 0 is the top.
     ///
     /// # Errors
-    /// [`MaterialError::Size`] for an empty tile, [`MaterialError::NonFinite`] when a texel holds NaN or infinity.
+    /// [`MaterialError::Size`] for an empty or huge tile, [`MaterialError::NonFinite`] when a texel holds NaN or infinity.
     pub fn build(
         info: MaterialInfo,
         width: usize,
@@ -151,7 +157,7 @@ impl Material {
         precision: Precision,
         texel: impl Fn(usize, usize) -> Texel + Sync,
     ) -> Result<Self, MaterialError> {
-        if width == 0 || height == 0 || info.texels == 0 {
+        if !(1..=MOST_SIDE).contains(&width) || !(1..=MOST_SIDE).contains(&height) || info.texels == 0 {
             return Err(MaterialError::Size { name: info.name, width, height });
         }
         let bad = std::sync::atomic::AtomicBool::new(false);
@@ -162,7 +168,7 @@ impl Material {
             }
             lanes
         };
-        let sixteen = precision == Precision::Sixteen && 2 * bytes(width, height) <= MAX_BYTES;
+        let sixteen = precision == Precision::Sixteen && bytes(width, height, 2) <= MAX_BYTES;
         let (levels, maxima) = if sixteen {
             let finest = Level::<u16>::from_fn(width, height, lanes);
             let maxima = maxima(&finest);
@@ -272,30 +278,42 @@ impl Material {
     }
 }
 
-/// Bytes of an 8-bit tile with its levels.
-fn bytes(width: usize, height: usize) -> usize {
-    LEVEL_LOG2.iter().map(|l| (width >> l) * (height >> l) * STORED).sum()
+/// Bytes of a tile with its levels, its numbers of `number` bytes each.
+fn bytes(width: usize, height: usize, number: usize) -> usize {
+    LEVEL_LOG2.iter().map(|l| pitch_bytes(width >> l, STORED * number) * (height >> l)).sum()
 }
 
+/// The sample of a footprint at (x, y), both in texels of level 0.
 #[inline(always)]
 pub(super) fn filtered<T: Stored>(levels: &[Level<T>], x: f32, y: f32, footprint: f32, wrap: Wrap) -> Lanes {
     if footprint <= 1.0 || footprint.is_nan() {
-        return levels[0].bilinear(x, y, wrap);
+        return decoded::<T>(&levels[0].bilinear(x, y, wrap));
     }
     let (octave, weight) = octave_of(footprint, levels.len());
     if octave >= 2 {
-        return coarse(levels, (octave, weight), x, y, wrap);
+        return decoded::<T>(&coarse(levels, (octave, weight), x, y, wrap));
     }
     // Up to here every level is stored.
-    let mut lanes = levels[octave].bilinear(x, y, wrap);
-    if weight > 0.0 {
-        mix(&mut lanes, &levels[octave + 1].bilinear(x, y, wrap), weight);
+    let (fine, coarser) = (&levels[octave], &levels[(octave + 1).min(levels.len() - 1)]);
+    let (a, b) = (fine.corners(x, y, wrap), coarser.corners(x, y, wrap));
+    if let (Some(sign), Some(same)) = (a.sign(), b.sign())
+        && sign == same
+    {
+        let mut sum = fine.sum(&a);
+        if weight > 0.0 {
+            sum.mix(&coarser.sum(&b), weight);
+        }
+        return decoded::<T>(&sum.mean::<T>(sign));
     }
-    lanes
+    let mut mean = fine.mean(&a);
+    if weight > 0.0 {
+        mix(&mut mean, &coarser.mean(&b), weight);
+    }
+    decoded::<T>(&mean)
 }
 
 fn maxima<T: Stored>(level: &Level<T>) -> Maxima {
-    let mut top = [0.0f32; LANES];
+    let mut top = [0.0f32; STORED];
     for y in 0..level.height {
         for x in 0..level.width {
             let lanes = level.texel(x, y);
