@@ -11,6 +11,7 @@ pub mod sensor;
 mod target;
 mod warp;
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use ops::homography::Homography;
@@ -21,7 +22,7 @@ use render::block::{LANES, Lane};
 use render::brdf::BrdfModel;
 use render::camera::Camera;
 use render::light::Light;
-use render::sensor::expose;
+use render::sensor::expose_row;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -234,24 +235,28 @@ impl Sequence {
 
     /// The linear light on the sensor, not clipped: no noise, no white balance.
     pub fn radiance(&self, frame: usize, res: usize) -> Planes {
-        self.radiance_crop(frame, res, [0, 0], [res, res], |_, _, light| light)
+        self.radiance_crop(frame, res, [0, 0], [res, res], |_, _| {})
     }
 
     /// A rectangle of a frame before compression.
     fn exposed(&self, frame: usize, res: usize, corner: [usize; 2], size: [usize; 2]) -> Planes {
         let (noise, balance) = (self.noise(frame), self.sensor.white_balance_gains(self.share(frame)));
-        let light = self.radiance_crop(
+        self.radiance_crop(
             frame,
             res,
             corner,
             size,
             #[inline(always)]
-            |y, x, light| {
-                let noise = noise.at(y, x);
-                std::array::from_fn(|c| balance[c] * (light[c] + noise[c]))
+            |y, [red, green, blue]| {
+                for (k, ((red, green), blue)) in red.iter_mut().zip(&mut *green).zip(&mut *blue).enumerate() {
+                    let noise = noise.at(y, corner[1] + k);
+                    *red = balance[0] * (*red + noise[0]);
+                    *green = balance[1] * (*green + noise[1]);
+                    *blue = balance[2] * (*blue + noise[2]);
+                }
+                [red, green, blue].into_iter().for_each(expose_row);
             },
-        );
-        expose(&light)
+        )
     }
 
     fn noise(&self, frame: usize) -> PixelNoise {
@@ -268,17 +273,18 @@ impl Sequence {
         FrameGeometry::new(&self.path, frame, &self.sensor, res)
     }
 
+    /// The light of a rectangle; `read` is given each row of the frame and its three channels while they are at hand.
     fn radiance_crop(
         &self,
         frame: usize,
         res: usize,
         [y0, x0]: [usize; 2],
         [height, width]: [usize; 2],
-        read: impl Fn(usize, usize, [f32; 3]) -> [f32; 3] + Sync,
+        read: impl Fn(usize, [&mut [f32]; 3]) + Sync,
     ) -> Planes {
         let geometry = self.geometry(frame, res);
         let delays = geometry.exposure_delays(self.sensor.shutter, self.sensor.sub_frames);
-        let rows = by_row(&geometry, [y0, height], |delay| {
+        let instants = ByRow::new(&geometry, |delay| {
             delays.iter().map(|d| Instant::new(&geometry.camera(delay + d), res, &self.lights)).collect::<Vec<_>>()
         });
         let exposure = self.sensor.exposure_gain(self.share(frame)) / delays.len() as f32;
@@ -286,23 +292,25 @@ impl Sequence {
             [height, width],
             #[inline(always)]
             |y, [red, green, blue]| {
-                let instants = row(&rows, y);
+                let instants = instants.at(y + y0);
                 for first in (0..width).step_by(LANES) {
                     // Past the row's end the last pixel is repeated.
                     let column = |k: usize| x0 + (first + k).min(width - 1);
-                    let pixels: [_; LANES] = std::array::from_fn(|k| geometry.undistorted(column(k) as f64, (y + y0) as f64));
+                    let pixels =
+                        geometry.lens.undistort_block([&std::array::from_fn(|k| column(k) as f64), &[(y + y0) as f64; LANES]]);
                     let mut sum = [[0.0; LANES]; 3];
-                    for Instant { view, lights, eye } in instants {
+                    for Instant { view, lights, eye } in instants.iter() {
                         let seen = view.block(&pixels);
                         let texels = self.surface.sample_block(&seen.tx, &seen.ty, &seen.footprint);
                         texels.add_radiance([&seen.x, &seen.y], *eye, lights, BrdfModel::default(), &mut sum);
                     }
                     for k in 0..LANES.min(width - first) {
                         let gain = exposure * self.sensor.vignetting.gain(column(k), y + y0, res);
-                        let light = read(y + y0, column(k), [gain * sum[0][k], gain * sum[1][k], gain * sum[2][k]]);
-                        (red[first + k], green[first + k], blue[first + k]) = (light[0], light[1], light[2]);
+                        (red[first + k], green[first + k], blue[first + k]) =
+                            (gain * sum[0][k], gain * sum[1][k], gain * sum[2][k]);
                     }
                 }
+                read(y + y0, [red, green, blue]);
             },
         )
     }
@@ -329,16 +337,24 @@ impl Sequence {
     }
 }
 
-/// What depends on the time at which a row is read: one value per row from `first` on, or one for all under a global shutter.
-fn by_row<T>(geometry: &FrameGeometry, [first, count]: [usize; 2], at: impl Fn(f64) -> T) -> Vec<T> {
-    let count = if geometry.global_shutter() { 1 } else { count };
-    (first..first + count).map(|y| at(geometry.delay(y as f64))).collect()
+/// What depends on the time at which a row is read.
+struct ByRow<'a, T, F> {
+    geometry: &'a FrameGeometry,
+    at: F,
+    /// The value for all rows, under a global shutter.
+    all: Option<T>,
 }
 
-/// The value of [`by_row`] for the row at an index.
-#[inline(always)]
-fn row<T>(rows: &[T], index: usize) -> &T {
-    &rows[index.min(rows.len() - 1)]
+impl<'a, T: Clone, F: Fn(f64) -> T> ByRow<'a, T, F> {
+    /// From a function of [`FrameGeometry::delay`].
+    fn new(geometry: &'a FrameGeometry, at: F) -> Self {
+        let all = geometry.global_shutter().then(|| at(0.0));
+        Self { geometry, at, all }
+    }
+
+    fn at(&self, y: usize) -> Cow<'_, T> {
+        self.all.as_ref().map_or_else(|| Cow::Owned((self.at)(self.geometry.delay(y as f64))), Cow::Borrowed)
+    }
 }
 
 /// Fills 3 planes from a function of (row, column), rows in parallel.
@@ -366,6 +382,7 @@ fn by_rows([height, width]: [usize; 2], fill: impl Fn(usize, [&mut [f32]; 3]) + 
 }
 
 /// A camera in its place, with its flash.
+#[derive(Clone)]
 struct Instant {
     view: View,
     lights: Vec<Light>,
@@ -379,6 +396,7 @@ impl Instant {
 }
 
 /// Where a camera's pixels lie on the material.
+#[derive(Clone)]
 struct View {
     matrix: [[f64; 3]; 3],
     determinant: f64,
@@ -404,12 +422,12 @@ impl View {
     }
 
     #[inline(always)]
-    fn block(&self, pixels: &[(f64, f64); LANES]) -> Seen {
+    fn block(&self, [u, v]: &[[f64; LANES]; 2]) -> Seen {
         const HALF: f64 = GRID as f64 / 2.0;
         let zero = [0.0; LANES];
         let mut seen = Seen { x: zero, y: zero, tx: zero, ty: zero, footprint: zero };
-        for (k, &(u, v)) in pixels.iter().enumerate() {
-            let row = |r: usize| self.matrix[r][0] * u + self.matrix[r][1] * v + self.matrix[r][2];
+        for k in 0..LANES {
+            let row = |r: usize| self.matrix[r][0] * u[k] + self.matrix[r][1] * v[k] + self.matrix[r][2];
             // A pixel at or above the horizon shows a point very far away, in the mean colour of the coarsest level.
             let scale = 1.0 / row(2).max(1e-6);
             let (x, y) = (row(0) * scale, row(1) * scale);

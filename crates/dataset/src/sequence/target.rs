@@ -6,22 +6,30 @@ use rayon::prelude::*;
 use render::block::{LANES, TexelBlock};
 use render::svbrdf::{CHANNELS, SvbrdfImage};
 
-use super::{Sequence, View, by_row, row};
+use super::{ByRow, Sequence, View};
 
 impl Sequence {
     /// The maps that a frame sees pixel by pixel, through its lens and shutter; normals in the frame's axes (x right, y up, z to
     /// the camera) at its middle.
     pub fn target_maps(&self, frame: usize, res: usize) -> SvbrdfImage {
         let (geometry, rotation) = (self.geometry(frame, res), self.camera(frame).normal_to_camera());
-        let views = by_row(&geometry, [0, res], |delay| View::new(&geometry.camera(delay), res));
-        let mut rows = vec![0.0; res * CHANNELS * res];
-        rows.par_chunks_mut(CHANNELS * res).enumerate().for_each(|(y, out)| {
-            let view = row(&views, y);
+        let views = ByRow::new(&geometry, |delay| View::new(&geometry.camera(delay), res));
+        let [mut normal, mut diffuse, mut roughness, mut specular] =
+            [3, 3, 1, 3].map(|channels| Planes::new(channels, res, res));
+        let mut rows: Vec<Vec<&mut [f32]>> = (0..res).map(|_| Vec::with_capacity(CHANNELS)).collect();
+        for planes in [&mut normal, &mut diffuse, &mut roughness, &mut specular] {
+            for (i, row) in planes.data.chunks_exact_mut(res).enumerate() {
+                rows[i % res].push(row);
+            }
+        }
+        rows.into_par_iter().enumerate().for_each(|(y, mut out)| {
+            let view = views.at(y);
             vectorised(
                 #[inline(always)]
                 || {
                     for first in (0..res).step_by(LANES) {
-                        let pixels = std::array::from_fn(|k| geometry.undistorted((first + k).min(res - 1) as f64, y as f64));
+                        let columns = std::array::from_fn(|k| (first + k).min(res - 1) as f64);
+                        let pixels = geometry.lens.undistort_block([&columns, &[y as f64; LANES]]);
                         let seen = view.block(&pixels);
                         let TexelBlock { normal, diffuse, roughness, specular } =
                             self.surface.sample_block(&seen.tx, &seen.ty, &seen.footprint);
@@ -34,22 +42,14 @@ impl Sequence {
                         });
                         let used = LANES.min(res - first);
                         let lanes = turned.iter().chain(&diffuse).chain([&roughness]).chain(&specular);
-                        for (lane, out) in lanes.zip(out.chunks_exact_mut(res)) {
+                        for (lane, out) in lanes.zip(&mut out) {
                             out[first..first + used].copy_from_slice(&lane[..used]);
                         }
                     }
                 },
             );
         });
-        let map = |channels: std::ops::Range<usize>| {
-            let mut planes = Planes::new(channels.len(), res, res);
-            for (i, out) in planes.data.chunks_exact_mut(res).enumerate() {
-                let (c, y) = (channels.start + i / res, i % res);
-                out.copy_from_slice(&rows[(y * CHANNELS + c) * res..][..res]);
-            }
-            planes
-        };
-        SvbrdfImage { normal: map(0..3), diffuse: map(3..6), roughness: map(6..7), specular: map(7..10) }
+        SvbrdfImage { normal, diffuse, roughness, specular }
     }
 }
 

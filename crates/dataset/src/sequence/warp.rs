@@ -4,7 +4,7 @@ use ops::homography::Homography;
 use ops::planes::{Mask, Planes};
 use rayon::prelude::*;
 use render::camera::Camera;
-use render::lens::RadialDistortion;
+use render::lens::ImageLens;
 
 use super::sensor::VideoSensor;
 use crate::path::CameraPath;
@@ -20,14 +20,17 @@ const ROW_ERROR: f64 = 1e-7;
 pub(super) struct FrameGeometry {
     /// The cameras one frame before, at, and one frame after this one.
     around: [Camera; 3],
-    distortion: RadialDistortion,
+    pub lens: ImageLens,
     readout: f64,
     res: usize,
 }
 
 impl FrameGeometry {
     pub fn new(path: &CameraPath, frame: usize, sensor: &VideoSensor, res: usize) -> Self {
-        Self { around: path.around(frame), distortion: sensor.distortion, readout: sensor.readout, res }
+        let around = path.around(frame);
+        // The cameras of a video have one field of view.
+        let lens = ImageLens::new(sensor.distortion, &around[1], res);
+        Self { around, lens, readout: sensor.readout, res }
     }
 
     /// Whether all rows are read at once.
@@ -37,7 +40,7 @@ impl FrameGeometry {
 
     /// Whether a homography describes it all.
     pub fn is_pinhole(&self) -> bool {
-        self.global_shutter() && self.distortion.is_none()
+        self.global_shutter() && self.lens.is_none()
     }
 
     /// The camera so many frames after the middle of this one, −1 to 1.
@@ -66,29 +69,16 @@ impl FrameGeometry {
         (0..count).map(|k| ((k as f64 + 0.5) / count as f64 - 0.5) * shutter).collect()
     }
 
-    /// The pixel of a pinhole camera that shows what this frame shows at (x, y).
-    pub fn undistorted(&self, x: f64, y: f64) -> (f64, f64) {
-        self.distortion.undistort(&self.around[1], (x, y), self.res)
+    /// The maps from pixels of the ideal image to the world while each row is read.
+    fn rows_to_world(&self) -> Vec<Homography> {
+        let rows = if self.global_shutter() { 1 } else { self.res };
+        (0..rows).map(|y| self.camera(self.delay(y as f64)).pixel_to_world(self.res)).collect()
     }
 
-    fn to_world(&self, x: f64, y: f64) -> Option<(f64, f64)> {
-        let (u, v) = self.undistorted(x, y);
-        self.camera(self.delay(y)).pixel_to_world(self.res).apply(u, v)
-    }
-
-    /// The pixel that shows a world point: that whose row is read while the camera sees the point in that row.
-    fn to_pixel(&self, x: f64, y: f64) -> Option<(f64, f64)> {
-        let mut row = (self.res as f64 - 1.0) / 2.0;
-        for _ in 0..ROW_STEPS {
-            let camera = self.camera(self.delay(row));
-            let ideal = camera.world_to_pixel(self.res).apply(x, y)?;
-            let seen = self.distortion.distort(&camera, ideal, self.res);
-            if (seen.1 - row).abs() < ROW_ERROR || self.global_shutter() {
-                return Some(seen);
-            }
-            row = seen.1;
-        }
-        None
+    /// The maps from the world to the ideal image at the upper edge of every row and the lower one of the last.
+    fn edges_to_pixel(&self) -> Vec<Homography> {
+        let edges = if self.global_shutter() { 1 } else { self.res + 1 };
+        (0..edges).map(|k| self.camera(self.delay(k as f64 - 0.5)).world_to_pixel(self.res)).collect()
     }
 }
 
@@ -107,15 +97,63 @@ pub struct BentWarp {
     /// Target pixel to pixel of the frame `target`.
     to_target: Homography,
     target: FrameGeometry,
+    /// [`FrameGeometry::rows_to_world`] of `target`.
+    rows: Vec<Homography>,
     source: FrameGeometry,
+    /// [`FrameGeometry::edges_to_pixel`] of `source`.
+    edges: Vec<Homography>,
     /// Pixel of the frame `source` to source pixel.
     from_source: Homography,
+}
+
+impl BentWarp {
+    /// The world point that the frame `target` shows at a pixel.
+    fn to_world(&self, x: f64, y: f64) -> Option<(f64, f64)> {
+        let (u, v) = self.target.lens.undistort((x, y));
+        if self.target.global_shutter() {
+            return self.rows[0].apply(u, v);
+        }
+        // Pixels lie in rows; only a map between other images asks for what is between them.
+        let nearest = y.round() as usize;
+        match self.rows.get(nearest) {
+            Some(row) if (y - nearest as f64).abs() < 1e-9 => row.apply(u, v),
+            _ => self.target.camera(self.target.delay(y)).pixel_to_world(self.target.res).apply(u, v),
+        }
+    }
+
+    /// The pixel of the frame `source` that shows a world point: that whose row is read while the camera sees the point in that
+    /// row.
+    fn to_pixel(&self, x: f64, y: f64) -> Option<(f64, f64)> {
+        if self.source.global_shutter() {
+            return self.edges[0].apply(x, y).map(|ideal| self.source.lens.distort(ideal));
+        }
+        let mut row = (self.source.res as f64 - 1.0) / 2.0;
+        for _ in 0..ROW_STEPS {
+            let seen = self.source.lens.distort(self.at_row(row).apply(x, y)?);
+            if (seen.1 - row).abs() < ROW_ERROR {
+                return Some(seen);
+            }
+            row = seen.1;
+        }
+        None
+    }
+
+    /// The map from the world to the ideal image while a row of `source` is read, rows before and after the image with the
+    /// first and last edge. Between two edges the camera moves by a hundredth of what it moves from frame to frame or
+    /// less, so that a straight line stands for its way within 1e-6 pixels.
+    fn at_row(&self, row: f64) -> Homography {
+        let place = (row + 0.5).clamp(0.0, self.source.res as f64);
+        let edge = (place as usize).min(self.source.res - 1);
+        let (above, below) = (&self.edges[edge].matrix, &self.edges[edge + 1].matrix);
+        Homography { matrix: above + (below - above) * (place - edge as f64) }
+    }
 }
 
 impl FrameWarp {
     pub(super) fn bent(target: FrameGeometry, source: FrameGeometry) -> Self {
         let (to_target, from_source) = (Homography::identity(), Homography::identity());
-        Self::Bent(Box::new(BentWarp { to_target, target, source, from_source }))
+        let (rows, edges) = (target.rows_to_world(), source.edges_to_pixel());
+        Self::Bent(Box::new(BentWarp { to_target, target, rows, source, edges, from_source }))
     }
 
     /// The same map between parts or mirror images of the frames: `to_target` leads from a pixel of the new target to the
@@ -137,8 +175,8 @@ impl FrameWarp {
             Self::Plane(map) => map.apply(x, y),
             Self::Bent(warp) => {
                 let (x, y) = warp.to_target.apply(x, y)?;
-                let (x, y) = warp.target.to_world(x, y)?;
-                let (x, y) = warp.source.to_pixel(x, y)?;
+                let (x, y) = warp.to_world(x, y)?;
+                let (x, y) = warp.to_pixel(x, y)?;
                 warp.from_source.apply(x, y)
             }
         }
