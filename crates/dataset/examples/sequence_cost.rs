@@ -3,12 +3,14 @@
 //!
 //! One video is 141 frames of 256², the exact flow from its first frame to every other, and 20 sets of target maps, from a
 //! material of 4096² texels. Then frames, resolution and material grow fourfold, one at a time. The second table has what each
-//! option of the sensor adds to a frame.
+//! option of the sensor adds to a frame, the third what the steps of the main job are given.
 
 use std::sync::Arc;
 use std::time::Instant;
 
+use dataset::exemplar::{Exemplar, ExemplarConfig};
 use dataset::material::{Material, MaterialInfo, Precision};
+use dataset::pair::{FlowPair, PairConfig};
 use dataset::path::PathConfig;
 use dataset::sequence::sensor::SensorConfig;
 use dataset::sequence::{Sequence, SequenceConfig};
@@ -54,7 +56,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             peak_rss_mib().unwrap_or(f64::NAN) as usize
         );
     }
-    sensor_options()
+    sensor_options()?;
+    training_items()
 }
 
 /// Milliseconds per frame of 256² from a material of 1024² texels, the options timed in turn.
@@ -92,6 +95,29 @@ fn sensor_options() -> Result<(), Box<dyn std::error::Error>> {
         let name = if name.is_empty() { "ideal" } else { name.trim_end_matches(" = {}") };
         println!("| {name} | {milliseconds:.2} |");
     }
+    Ok(())
+}
+
+/// Milliseconds per pair and exemplar as `configs/spiral.toml` has them, made one after the other.
+fn training_items() -> Result<(), Box<dyn std::error::Error>> {
+    const COUNT: usize = 60;
+    let (material, streams) = (material(1024)?, Stream::new(3));
+    let phone = |config: SequenceConfig| video(&material, SequenceConfig { sensor: SensorConfig::phone(), ..config });
+    let (flow, svbrdf) = (phone(SequenceConfig::flow()), phone(SequenceConfig::svbrdf()));
+    let pairs = |crop: usize| PairConfig { resolution: 256, crop, augment: true };
+    let exemplars = ExemplarConfig { resolution: 128, key_frames: [3, 9], ..ExemplarConfig::default() };
+    println!("\n| item | ms |");
+    println!("|---|---|");
+    let row = |name: &str, make: &dyn Fn(usize)| {
+        println!("| {name} | {:.1} |", 1e3 * seconds(|| (0..COUNT).for_each(make)) / COUNT as f64);
+    };
+    row("pair of neighbours, 192²", &|i| {
+        drop(FlowPair::adjacent(&flow, 2 * i, &pairs(192), &mut streams.rng("near", i as u64)))
+    });
+    row("pair of far frames, 128²", &|i| drop(FlowPair::distant(&flow, &pairs(128), &mut streams.rng("far", i as u64))));
+    row("exemplar, 4 to 10 frames of 128²", &|i| {
+        drop(Exemplar::draw(&svbrdf, i % 20, &exemplars, &mut streams.rng("exemplar", i as u64)));
+    });
     Ok(())
 }
 
