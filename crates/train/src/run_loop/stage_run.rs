@@ -18,8 +18,8 @@ use std::time::{Duration, Instant};
 
 /// A run gives up after going back this often in one stage: then the weights, not one exemplar, are at fault.
 const MOST_RESTORES: usize = 5;
-/// Batches that are made ahead of their use, per worker.
-const AHEAD_PER_WORKER: usize = 2;
+/// Batches that are made ahead of their use, per worker: enough for the second that a new material takes.
+const AHEAD_PER_WORKER: usize = 4;
 
 /// The numbers of a good step.
 pub(super) struct StepRow {
