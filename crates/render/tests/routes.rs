@@ -6,7 +6,7 @@ use ops::planes::{Planes, values};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use render::brdf::{BrdfModel, DiffuseModel, SpecularModel};
-use render::direction::unit;
+use render::direction::{half, unit};
 use render::shade::Geometry;
 use render::svbrdf::{Svbrdf, SvbrdfImage};
 use render::texel::Texel;
@@ -113,6 +113,105 @@ fn the_tensor_route_has_the_gradient_of_central_differences() {
                 (shade::render(&Svbrdf::from_stacked(x), view, model) + 0.1).log().sum()
             });
             assert!(error < 5e-3, "{model:?}: {error}");
+        }
+    }
+}
+
+/// One texel in one view, and what of it is hard.
+struct Edge {
+    light: [f32; 3],
+    camera: [f32; 3],
+    normal: [f32; 3],
+    roughness: f32,
+}
+
+impl Edge {
+    /// The normal lies beside the half vector by a share of the lobe's width.
+    fn beside_the_peak(light: [f32; 3], camera: [f32; 3], roughness: f32, share: f32) -> Self {
+        let (light, camera) = (unit(light), unit(camera));
+        let h = half(light, camera);
+        let aside = share * roughness * roughness;
+        Self { light, camera, normal: unit([h[0] + 0.6 * aside, h[1] + 0.8 * aside, h[2]]), roughness }
+    }
+
+    /// Needles, grazing light, grazing viewers, and light that just reaches the surface.
+    fn all() -> Vec<Self> {
+        let just_lit = |cosine: f32| Self {
+            light: unit([1.0, 0.0, 0.5]),
+            camera: unit([-0.3, 0.2, 1.0]),
+            normal: unit([-0.5 + cosine, 0.0, 1.0 + 0.5 * cosine]),
+            roughness: 0.4,
+        };
+        vec![
+            Self::beside_the_peak([0.3, 0.1, 1.0], [-0.25, -0.1, 1.0], 0.02, 0.7),
+            Self::beside_the_peak([0.3, 0.1, 1.0], [-0.25, -0.1, 1.0], 0.02, 3.0),
+            Self::beside_the_peak([0.9, 0.2, 0.02], [-0.9, 0.1, 0.5], 0.02, 0.7),
+            Self::beside_the_peak([0.5, 0.2, 0.6], [-0.99, 0.1, 0.02], 0.05, 0.7),
+            Self::beside_the_peak([0.99, 0.0, 0.02], [-0.99, 0.1, 0.03], 0.1, 1.0),
+            just_lit(1e-2),
+            just_lit(1e-3),
+        ]
+    }
+
+    /// The mean over the channels of ln(R + 0.1) in `f64`: Walter et al. 2007 with Schlick's Fresnel term, written once more.
+    fn log_radiance(&self, maps: &[f64; 10]) -> f64 {
+        let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let unit = |a: [f64; 3]| a.map(|v| v / dot(a, a).sqrt());
+        let (wi, wo) = (unit(self.light.map(f64::from)), unit(self.camera.map(f64::from)));
+        let h = unit(std::array::from_fn(|k| wi[k] + wo[k]));
+        let n = [maps[0], maps[1], maps[2]];
+        let alpha2 = maps[6].powi(4);
+        let (nl, nv, nh) = (dot(n, wi), dot(n, wo), dot(n, h));
+        assert!(nl > 0.0 && nv > 0.0);
+        let bracket = alpha2 * nh * nh + dot(n, n) - nh * nh;
+        let masking = |c: f64| 1.0 / (c + (alpha2 + (1.0 - alpha2) * c * c).sqrt());
+        let lobe = alpha2 / (std::f64::consts::PI * bracket * bracket) * masking(nl) * masking(nv);
+        let weight = (1.0 - dot(wo, h)).powi(5);
+        let radiance = |c: usize| {
+            let specular = maps[7 + c];
+            nl * (maps[3 + c] / std::f64::consts::PI + lobe * (specular + (1.0 - specular) * weight)) * 3.0 / wi[2]
+        };
+        (0..3).map(|c| (radiance(c) + 0.1).ln()).sum::<f64>() / 3.0
+    }
+}
+
+/// Where `f32` is at its end: central differences of `f64` judge both routes, map by map.
+#[test]
+fn needles_and_grazing_angles_have_the_gradient_of_central_differences() {
+    let device = Device::flex().autodiff();
+    for edge in Edge::all() {
+        let texel =
+            Texel { normal: edge.normal, diffuse: [0.3, 0.5, 0.2], roughness: edge.roughness, specular: [0.04, 0.3, 0.8] };
+        let maps = SvbrdfImage::constant(1, 1, &texel);
+        let packed: [f64; 10] = std::array::from_fn(|k| {
+            let all = [&texel.normal[..], &texel.diffuse, &[texel.roughness], &texel.specular].concat();
+            f64::from(all[k])
+        });
+        let expected: [f64; 10] = std::array::from_fn(|k| {
+            // Needles are narrow in normal and roughness; the radiance is linear in the albedos.
+            let step = if k < 3 || k == 6 { 1e-7 } else { 1e-4 };
+            let moved = |by: f64| {
+                let mut maps = packed;
+                maps[k] += by;
+                edge.log_radiance(&maps)
+            };
+            (moved(step) - moved(-step)) / (2.0 * step)
+        });
+        let emission = Emission::Even { intensity: 3.0 };
+        let view = View { camera: Origin::Direction(edge.camera), light: Origin::Direction(edge.light), emission };
+        // Nothing reaches the target, so every channel is brighter than it.
+        let dark = SvbrdfImage::constant(1, 1, &Texel { normal: edge.light.map(|v| -v), ..texel });
+        let fused = fused::log_difference(&maps, &dark, &[view], BrdfModel::default()).gradient.data;
+        let tensors = maps.to_tensor(&device).map(Tensor::require_grad);
+        let slopes = (shade::render(&tensors, &view, BrdfModel::default()) + 0.1).log().mean().backward();
+        let composed = tensors.maps().map(|m| values(m.grad(&slopes).expect("every map is rendered"))).concat();
+        for found in [fused, composed] {
+            for map in [0..3, 3..6, 6..7, 7..10] {
+                let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
+                let size = norm(&mut map.clone().map(|k| expected[k]));
+                let apart = norm(&mut map.clone().map(|k| f64::from(found[k]) - expected[k]));
+                assert!(apart < 5e-3 * size, "roughness {} map {map:?}: {found:?} instead of {expected:?}", edge.roughness);
+            }
         }
     }
 }

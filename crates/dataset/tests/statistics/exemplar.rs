@@ -44,7 +44,7 @@ fn their_interval_is_one_of_those_that_span_60_to_120_frames() {
         (15, 4, 8),
         (16, 3, 7),
     ] {
-        let intervals: Vec<i64> = (0..4000)
+        let intervals: Vec<i64> = (0..10_000)
             .map(|draw| {
                 let guidance = draw % 20;
                 let keys = key_frames(guidance, count, 141, &mut rng);

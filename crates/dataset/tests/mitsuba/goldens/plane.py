@@ -1,8 +1,9 @@
 """A textured plane under a light at the camera by Mitsuba 3: `pip install mitsuba==3.9.1 && python plane.py`.
 
-Writes near.f32 and far.f32 beside this file: 48 x 48 linear radiances, RGB interleaved, little-endian float32. The maps are
-waves on SIZE x SIZE texels over [-1, 1]^2; `near` sees a texel in several pixels, `far` several texels in a pixel. Light and
-viewer are in one place, so Schlick's weight is 0 and the Fresnel term is the specular albedo, which roughconductor has too.
+Writes near.f32, frame.f32 and far.f32 beside this file: 48 x 48 linear radiances, RGB interleaved, little-endian float32. The
+maps are waves on SIZE x SIZE texels over [-1, 1]^2; a pixel of `near` covers 0.7 texels, one of `frame` 1.3 as in the videos,
+one of `far` 4. Light and viewer are in one place, so Schlick's weight is 0 and the Fresnel term is the specular albedo,
+which roughconductor has too.
 """
 import math
 from pathlib import Path
@@ -68,3 +69,4 @@ def render(name, position, target, intensity):
 
 render("near.f32", [0.12, -0.08, 0.25], [0.1, -0.05, 0], 0.08)
 render("far.f32", [-0.2, 0.15, 1.4], [-0.1, 0.05, 0], 2.5)
+render("frame.f32", [0.05, 0.1, 0.45], [0.1, 0.02, 0], 0.26)
