@@ -15,6 +15,7 @@ pub mod activation;
 pub mod colour;
 pub mod conv;
 pub mod cost_volume;
+pub mod filters;
 pub mod flow_field;
 pub mod gradcheck;
 pub mod homography;

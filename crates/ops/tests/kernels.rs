@@ -133,6 +133,19 @@ fn bias_and_leaky_relu_equal_their_reference() {
 }
 
 #[test]
+fn normalised_filters_equal_their_reference() {
+    for (outputs, inputs) in [(1, 1), (3, 5), (7, 40)] {
+        // The second filter hardly has a norm.
+        let weight = wave([outputs, inputs, 3, 3], 0.5);
+        let faint = weight.clone().slice_fill([1.min(outputs - 1)..outputs.min(2)], 1e-5);
+        let inputs = [if outputs > 1 { faint } else { weight }];
+        let fast = value_and_gradients(&inputs, |t| ops::filters::normalised_filters(t[0].clone(), 1.5));
+        let plain = value_and_gradients(&inputs, |t| ops::filters::reference(t[0].clone(), 1.5));
+        assert_equal(&format!("filters of {:?}", inputs[0].dims()), &fast, &plain);
+    }
+}
+
+#[test]
 fn cost_volume_equals_its_reference() {
     for (n, c, h, w, radius) in
         [(1, 1, 1, 1, 4), (2, 5, 7, 9, 4), (1, 18, 6, 19, 2), (2, 3, 12, 8, 1), (1, 9, 5, 17, 3), (2, 2, 3, 6, 5)]

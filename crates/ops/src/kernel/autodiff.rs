@@ -97,6 +97,34 @@ impl<B: NetKernels, C: CheckpointStrategy> NetKernels for Autodiff<B, C> {
         inner_only!()
     }
 
+    fn normalised_filters(w: FloatTensor<Self>, gain: f32) -> FloatTensor<Self> {
+        #[derive(Debug)]
+        struct Normalised;
+        impl<B: NetKernels> Backward<B, 1> for Normalised {
+            type State = (NodeId, f32);
+            fn backward(self, ops: Ops<Self::State, 1>, grads: &mut Gradients, saved: &mut Checkpointer) {
+                let [node] = ops.parents;
+                let gradient = grads.consume::<B>(&ops.node);
+                let (w, gain) = ops.state;
+                let w: FloatTensor<B> = saved.retrieve_node_output(w);
+                if let Some(node) = node {
+                    grads.register::<B>(node.id, B::normalised_filters_backward(w, gradient, gain));
+                }
+            }
+        }
+        match Normalised.prepare::<C>([w.node()]).compute_bound().stateful() {
+            OpsKind::Tracked(mut prep) => {
+                let state = (prep.checkpoint(&w), gain);
+                prep.finish(state, B::normalised_filters(w.into_primitive(), gain))
+            }
+            OpsKind::UnTracked(prep) => prep.finish(B::normalised_filters(w.into_primitive(), gain)),
+        }
+    }
+
+    fn normalised_filters_backward(_: FloatTensor<Self>, _: FloatTensor<Self>, _: f32) -> FloatTensor<Self> {
+        inner_only!()
+    }
+
     fn cost_volume(a: FloatTensor<Self>, b: FloatTensor<Self>, radius: usize) -> FloatTensor<Self> {
         #[derive(Debug)]
         struct CostVolume;

@@ -1,17 +1,16 @@
 //! 3×3 convolution on the CPU: forward, gradient of the input, gradient of the weights.
 //!
 //! The input is copied once into a padded, stride-split buffer (`rows`), after which every kernel tap is a
-//! constant offset and a row of output pixels reads a row of consecutive inputs. Images narrower than a register tile are laid
-//! out as columns (one row holding all pixels of the batch) and use the same inner loops.
+//! constant offset and a row of output pixels reads a row of consecutive inputs. Where Winograd's algorithm pays
+//! (`winograd`), it is taken; images narrower than a register tile have their own way (`columns`).
 
-use super::correlate::{Part, Target, correlate};
-use super::enlarging;
-use super::phases;
-use super::rows::{column_field, column_rows, filled, padded_field, padded_rows, reverse_columns, zeros};
+use super::correlate::{Part, Target, Weights, correlate};
+use super::rows::{filled, padded_field, padded_rows};
 use super::tile::TILE;
-use super::transposed::{Bordered, Tap, input_gradient};
+use super::transposed::input_gradient;
 use super::weight_gradient::correlate_gradient;
 use super::winograd::{self, Extent};
+use super::{columns, enlarging, phases};
 use crate::conv::{Conv3x3, Padding};
 
 /// Tiles below which [`winograd`] costs more than it saves.
@@ -66,17 +65,6 @@ impl Sizes {
     }
 }
 
-/// Moves the axes of `[a][b][inner]` to `[b][a][inner]`.
-pub(super) fn swap_axes(x: &[f32], a: usize, b: usize, inner: usize) -> Vec<f32> {
-    let mut out = zeros(x.len());
-    for i in 0..a {
-        for j in 0..b {
-            out[(j * a + i) * inner..][..inner].copy_from_slice(&x[(i * b + j) * inner..][..inner]);
-        }
-    }
-    out
-}
-
 /// `x [N, I, H, W]`, `w [O, I, 3, 3]` → `[N, O, oh, ow]`
 pub fn forward(x: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
     if s.geometry.enlarge {
@@ -95,16 +83,12 @@ pub fn forward(x: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
             filled(count, |out| winograd::correlate(x, s, |_| [Extent::Whole; 2], &[part], out, &s.output_target()))
         };
     }
-    let weights = |o: usize, c: usize, taps: &mut [f32]| taps.copy_from_slice(s.kernel(w, o, c));
     if s.narrow() {
-        let (rows, pixels) = (column_rows(x, s), s.n * area);
-        let part = Part::new(column_field(&rows, 0..s.taps(), pixels), 0, s.outputs, 9, weights);
-        // SAFETY: the one part has every result.
-        let out = unsafe { filled(count, |out| correlate(&rows, s.outputs, &[part], out, &Target::columns(pixels))) };
-        return swap_axes(&out, s.outputs, s.n, area);
+        return columns::forward(x, w, s);
     }
     let rows = padded_rows(x, s);
-    let part = Part::new(padded_field(&rows, s), 0, s.outputs, 9, weights);
+    let field = padded_field(&rows, s);
+    let part = Part::new(&field, 0, s.outputs, Weights { data: w, output: s.taps(), place: &|tap| tap });
     // SAFETY: the one part has every result.
     unsafe { filled(count, |out| correlate(&rows, s.outputs, &[part], out, &s.output_target())) }
 }
@@ -121,34 +105,10 @@ pub fn backward_input(gradient: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
         let kernel = |o: usize, c: usize| s.kernel(w, o, c).try_into().expect("a kernel has nine weights");
         return winograd::image_gradient(gradient, s, s.outputs, |_| [Extent::Whole; 2], kernel);
     }
-    let weights = |c: usize, o: usize, taps: &mut [f32]| taps.copy_from_slice(s.kernel(w, o, c));
-    if s.w < TILE {
-        let taps: Vec<(usize, usize)> = (0..9).map(|k| (0, k)).collect();
-        return input_gradient_narrow(gradient, 1, &taps, weights, s);
+    if s.narrow() {
+        return columns::backward_input(gradient, w, s);
     }
-    let taps: Vec<Tap> = (0..9).map(|k| Tap { plane: 0, row: k / 3, column: k % 3 }).collect();
-    let (oh, ow) = (s.oh(), s.ow());
-    let bordered = Bordered::new(s.n, s.outputs, [oh, ow], s.geometry, |plane, y, row| {
-        row.copy_from_slice(&gradient[(plane * oh + y) * ow..][..ow]);
-    });
-    input_gradient(&bordered, &taps, weights, s)
-}
-
-/// Gradient of the input of a narrow image from `gradient [N, O · planes, oh · ow]`: each output has some taps, given by their
-/// planes and kernel positions, and `weights(input, output, taps)` fills theirs.
-pub(super) fn input_gradient_narrow(
-    gradient: &[f32],
-    planes: usize,
-    taps: &[(usize, usize)],
-    weights: impl Fn(usize, usize, &mut [f32]) + Sync,
-    s: &Sizes,
-) -> Vec<f32> {
-    let (rows, pixels) = (reverse_columns(gradient, s.outputs, planes, taps, s), s.n * s.h * s.w);
-    let field = column_field(&rows, 0..s.outputs * taps.len(), pixels);
-    let part = Part::new(field, 0, s.inputs, taps.len(), weights);
-    // SAFETY: the one part has every result.
-    let out = unsafe { filled(s.inputs * pixels, |out| correlate(&rows, s.inputs, &[part], out, &Target::columns(pixels))) };
-    swap_axes(&out, s.inputs, s.n, s.h * s.w)
+    input_gradient(gradient, w, s)
 }
 
 /// Gradient of the weights: `x [N, I, H, W]`, `gradient [N, O, oh, ow]` → `[O, I, 3, 3]`
@@ -162,6 +122,9 @@ pub fn backward_weight(x: &[f32], gradient: &[f32], s: &Sizes) -> Vec<f32> {
     if winograd::pays_for_weights(s) {
         let part = winograd::PartGradient { start: 0, extents: [Extent::Whole; 2] };
         return winograd::weight_gradient(x, gradient, s, &[part], &s.output_target());
+    }
+    if s.narrow() {
+        return columns::backward_weight(x, gradient, s);
     }
     let rows = padded_rows(x, s);
     correlate_gradient(&rows, &padded_field(&rows, s), gradient, s.outputs, &s.output_target())

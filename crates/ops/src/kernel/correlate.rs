@@ -5,10 +5,15 @@ use std::mem::MaybeUninit;
 use rayon::prelude::*;
 
 use super::rows::{Field, Rows};
-use super::tile::{Instructions, MOST_OUTPUTS, TILE};
+use super::tile::{Instructions, TILE};
 
 /// Tasks that a correlation is split into at least, if it has as many blocks of outputs and rows.
 const TASKS: usize = 16;
+/// Taps that are added to all sums of a task before the next ones: what they read of a register tile stays in the first-level
+/// cache.
+const TAPS: usize = 128;
+/// Pixels of a task.
+const SEGMENT: usize = 8 * TILE;
 
 /// Output channels split into nearly equal blocks that register tiles hold.
 pub(super) fn blocks(outputs: usize) -> Vec<(usize, usize)> {
@@ -31,32 +36,30 @@ impl Target {
     }
 }
 
+/// Weights wherever they lie: that of output `o` and tap `k` is `data[o · output + place(k)]`.
+pub(super) struct Weights<'w> {
+    pub data: &'w [f32],
+    pub output: usize,
+    pub place: &'w (dyn Fn(usize) -> usize + Sync),
+}
+
 /// One kernel of a correlation: what it reads, its weights, and the target's element that its first result goes to.
-pub(super) struct Part {
-    field: Field,
+pub(super) struct Part<'f> {
+    field: &'f Field,
     start: usize,
     /// The weights of each block of outputs, tap by tap.
     packed: Vec<Vec<f32>>,
 }
 
-impl Part {
-    /// For so many outputs; `weights(output, group, taps)` fills the weights of a group of `count` taps that follow each other.
-    pub fn new(
-        field: Field,
-        start: usize,
-        outputs: usize,
-        count: usize,
-        weights: impl Fn(usize, usize, &mut [f32]) + Sync,
-    ) -> Self {
-        let groups = field.offsets.len() / count.max(1);
+impl<'f> Part<'f> {
+    /// For so many outputs.
+    pub fn new(field: &'f Field, start: usize, outputs: usize, weights: Weights) -> Self {
+        let Weights { data, output, place } = weights;
         let pack = |&(a, b): &(usize, usize)| {
-            let (height, mut taps) = (b - a, vec![0.0; count]);
-            let mut packed = vec![0.0; groups * count * height];
-            for (group, packed) in packed.chunks_exact_mut((count * height).max(1)).enumerate() {
-                for output in a..b {
-                    weights(output, group, &mut taps);
-                    packed[output - a..].iter_mut().step_by(height).zip(&taps).for_each(|(to, from)| *to = *from);
-                }
+            let mut packed = vec![0.0; field.offsets.len() * (b - a)];
+            for (tap, packed) in packed.chunks_exact_mut(b - a).enumerate() {
+                let first = a * output + place(tap);
+                packed.iter_mut().enumerate().for_each(|(o, to)| *to = data[first + o * output]);
             }
             packed
         };
@@ -91,28 +94,57 @@ pub(super) fn correlate(rows: &Rows, outputs: usize, parts: &[Part], out: &mut [
     let shared = Shared::new(out);
     let most = |size: fn(&Field) -> usize| parts.iter().map(|p| size(&p.field)).max().unwrap_or(0);
     let (height, width) = (most(|f| f.height), most(|f| f.width));
-    let segment = if height == 1 { 8 * TILE } else { width };
-    let segments = width.div_ceil(segment);
+    let segments = width.div_ceil(SEGMENT);
     let places = rows.images * height * segments;
-    let splits = TASKS.div_ceil(places.max(1)).min(blocks.len());
-    (0..places * splits).into_par_iter().for_each(|task| {
+    let work: Vec<(&Part, usize)> = parts.iter().flat_map(|part| (0..blocks.len()).map(move |block| (part, block))).collect();
+    let splits = TASKS.div_ceil(places.max(1)).min(work.len());
+    (0..places * splits).into_par_iter().for_each_init(Vec::new, |sums: &mut Vec<[f32; TILE]>, task| {
         let (place, split) = (task % places, task / places);
-        let (n, y, first) = (place / segments / height, place / segments % height, place % segments * segment);
-        let base = n * rows.image_step + y * rows.row_step;
-        let mut acc = [[0.0; TILE]; MOST_OUTPUTS];
-        for block in split * blocks.len() / splits..(split + 1) * blocks.len() / splits {
-            let (a, b) = blocks[block];
-            for Part { field, start, packed } in parts.iter().filter(|p| y < p.field.height) {
-                for x in (first..field.width.min(first + segment)).step_by(TILE) {
-                    instructions.correlate(b - a, &rows.data, base + x, &field.offsets, &packed[block], &mut acc);
-                    let count = TILE.min(field.width - x);
-                    for (results, o) in acc.iter().zip(a..b) {
-                        let to = start + n * target.image + o * target.channel + y * target.row + x * target.column;
-                        // SAFETY: the largest index was checked above; (part, n, y, x) belong to this task alone, and `count` stays in
-                        // the row.
-                        unsafe { store(&results[..count], shared.pointer().add(to), target.column) };
+        let (n, y, first) = (place / segments / height, place / segments % height, place % segments * SEGMENT);
+        let base = n * rows.image_step + y * rows.row_step + first;
+        // Pieces of work that read the same pixels.
+        let work = &work[split * work.len() / splits..(split + 1) * work.len() / splits];
+        for work in work.chunk_by(|(a, _), (b, _)| std::ptr::eq(a.field, b.field)) {
+            let Field { offsets, height, width } = work[0].0.field;
+            if y >= *height || first >= *width {
+                continue;
+            }
+            let count = SEGMENT.min(width - first);
+            let (tiles, outputs) = (count.div_ceil(TILE), work.iter().map(|&(_, block)| blocks[block].1 - blocks[block].0));
+            sums.clear();
+            sums.resize(outputs.sum::<usize>() * tiles, [0.0; TILE]);
+            for (chunk, taps) in offsets.chunks(TAPS).enumerate() {
+                for tile in 0..tiles {
+                    let mut sums = &mut sums[..];
+                    for &(part, block) in work {
+                        let outputs = blocks[block].1 - blocks[block].0;
+                        let (to, rest) = sums.split_at_mut(outputs * tiles);
+                        let weights = &part.packed[block][chunk * TAPS * outputs..][..taps.offsets.len() * outputs];
+                        instructions.correlate(
+                            outputs,
+                            &rows.data,
+                            base + tile * TILE,
+                            taps,
+                            weights,
+                            &mut to[tile * outputs..],
+                        );
+                        sums = rest;
                     }
                 }
+            }
+            let mut sums = &sums[..];
+            for &(part, block) in work {
+                let (a, b) = blocks[block];
+                let (from, rest) = sums.split_at((b - a) * tiles);
+                for (i, results) in from.iter().enumerate() {
+                    let (tile, o) = (i / (b - a), a + i % (b - a));
+                    let x = first + tile * TILE;
+                    let to = part.start + n * target.image + o * target.channel + y * target.row + x * target.column;
+                    // SAFETY: the largest index was checked above; (part, n, y, x) belong to this task alone, and what is written stays
+                    // in the row.
+                    unsafe { store(&results[..TILE.min(width - x)], shared.pointer().add(to), target.column) };
+                }
+                sums = rest;
             }
         }
     });

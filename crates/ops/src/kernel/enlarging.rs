@@ -6,19 +6,17 @@
 
 use rayon::prelude::*;
 
-use super::conv::{Sizes, input_gradient_narrow, swap_axes};
-use super::correlate::{Part, Target, correlate};
-use super::rows::{Field, Rows, column_field, column_rows, filled, padded_rows, zeros};
-use super::tile::{Offsets, TILE};
-use super::transposed::{Bordered, Tap, input_gradient};
-use super::weight_gradient::correlate_gradient;
+use super::columns;
+use super::conv::Sizes;
+use super::correlate::Target;
+use super::rows::{filled, zeros};
 use super::winograd::{self, Extent, Extents};
 use crate::conv::Conv3x3;
 
 /// Positions in a block of 2×2.
 const PHASES: usize = 4;
 /// Tiles below which [`winograd`] costs more than it saves.
-const FEWEST_TILES: usize = 16;
+const FEWEST_TILES: usize = 128;
 /// The same for the gradient of the input, whose border takes tiles of its own.
 const FEWEST_TILES_BACK: usize = 1024;
 
@@ -79,139 +77,57 @@ fn phase_start(phase: usize, s: &Sizes) -> usize {
     phase / 2 * 2 * s.w + phase % 2
 }
 
-/// What a phase reads in [`padded_rows`].
-fn field(rows: &Rows, s: &Sizes, phase: usize) -> Field {
-    let (plane, row) = (rows.image_step / s.inputs, rows.row_step);
-    let offset = |k: usize| {
-        let [y, x] = place(phase, k % 4);
-        k / 4 * plane + y * row + x
-    };
-    Field { offsets: Offsets::new((0..4 * s.inputs).map(offset)), height: s.h, width: s.w }
-}
-
 /// `x [N, I, H, W]`, `w [O, I, 3, 3]` → `[N, O, 2H, 2W]`
 pub fn forward(x: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
-    let weights = |phase: usize| move |o: usize, c: usize, taps: &mut [f32]| merge(s.kernel(w, o, c), phase, taps);
-    let area = s.h * s.w;
-    let (count, target) = (s.n * s.outputs * PHASES * area, phase_target(s));
     if winograd::pays(s, s.inputs, PHASES * s.outputs, FEWEST_TILES) {
         let part = |phase: usize| {
             let kernel = move |o: usize, c: usize| widened(s.kernel(w, o, c), phase);
             winograd::Part { start: phase_start(phase, s), extents: extents(phase), kernel }
         };
         let parts: [_; PHASES] = std::array::from_fn(part);
+        let (count, target) = (s.n * s.outputs * PHASES * s.h * s.w, phase_target(s));
         // SAFETY: the four parts have every result.
         return unsafe {
             filled(count, |out| winograd::correlate(x, &small_sizes(s), |_| [Extent::Whole; 2], &parts, out, &target))
         };
     }
-    if s.w < TILE {
-        let (small, pixels) = (small_sizes(s), s.n * area);
-        let rows = column_rows(x, &small);
-        let part = |phase: usize| {
-            let columns = (0..4 * s.inputs).map(|k| {
-                let [y, x] = place(phase, k % 4);
-                k / 4 * 9 + 3 * y + x
-            });
-            Part::new(column_field(&rows, columns, pixels), phase * s.outputs * pixels, s.outputs, 4, weights(phase))
-        };
-        let parts: [_; PHASES] = std::array::from_fn(part);
-        // SAFETY: the four parts have every result.
-        let out = unsafe { filled(count, |out| correlate(&rows, s.outputs, &parts, out, &Target::columns(pixels))) };
-        return interleaved(&swap_axes(&out, PHASES * s.outputs, s.n, area), s);
-    }
-    let rows = padded_rows(x, s);
-    let part = |phase: usize| Part::new(field(&rows, s, phase), phase_start(phase, s), s.outputs, 4, weights(phase));
-    let parts: [_; PHASES] = std::array::from_fn(part);
-    // SAFETY: the four parts have every result.
-    unsafe { filled(count, |out| correlate(&rows, s.outputs, &parts, out, &target)) }
+    columns::forward(x, w, s)
 }
 
 /// Gradient of the input: `gradient [N, O, 2H, 2W]` → `[N, I, H, W]`
 pub fn backward_input(gradient: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
-    let weights = |c: usize, o: usize, taps: &mut [f32]| {
-        taps.chunks_exact_mut(4).enumerate().for_each(|(phase, taps)| merge(s.kernel(w, o, c), phase, taps));
-    };
-    let taps = (0..PHASES * 4).map(|i| (i / 4, place(i / 4, i % 4)));
     if winograd::pays(s, PHASES * s.outputs, s.inputs, FEWEST_TILES_BACK) {
         let kernel = |plane: usize, c: usize| widened(s.kernel(w, plane / PHASES, c), plane % PHASES);
         let extents = |plane: usize| extents(plane % PHASES);
         return winograd::image_gradient(&split(gradient, s), s, PHASES * s.outputs, extents, kernel);
     }
-    if s.w < TILE {
-        let planes = split(gradient, s);
-        let taps: Vec<(usize, usize)> = taps.map(|(plane, [y, x])| (plane, 3 * y + x)).collect();
-        return input_gradient_narrow(&planes, PHASES, &taps, weights, &small_sizes(s));
-    }
-    let taps: Vec<Tap> = taps.map(|(plane, [row, column])| Tap { plane, row, column }).collect();
-    input_gradient(&phase_rows(gradient, s), &taps, weights, s)
+    columns::backward_input(gradient, w, s)
 }
 
 /// Gradient of the weights: `x [N, I, H, W]`, `gradient [N, O, 2H, 2W]` → `[O, I, 3, 3]`
 pub fn backward_weight(x: &[f32], gradient: &[f32], s: &Sizes) -> Vec<f32> {
+    if !winograd::pays_for_weights(s) {
+        return columns::backward_weight(x, gradient, s);
+    }
+    let part = |phase: usize| winograd::PartGradient { start: phase_start(phase, s), extents: extents(phase) };
+    let parts: [_; PHASES] = std::array::from_fn(part);
+    let sums = winograd::weight_gradient(x, gradient, &small_sizes(s), &parts, &phase_target(s));
     let mut out = zeros(s.outputs * s.inputs * 9);
-    // Adds what a phase's tap brings to the kernels, given `taps` numbers of each and where the tap's is.
-    let mut add = |phase: usize, sums: &[f32], taps: usize, index: &(dyn Fn(usize) -> usize + Sync)| {
-        out.par_chunks_mut(9 * s.inputs).zip(sums.par_chunks(taps * s.inputs)).for_each(|(kernels, sums)| {
-            for (kernel, sums) in kernels.chunks_exact_mut(9).zip(sums.chunks_exact(taps)) {
-                for tap in 0..4 {
-                    taps_of(phase, tap).for_each(|k| kernel[k] += sums[index(tap)]);
-                }
-            }
-        });
-    };
-    if winograd::pays_for_weights(s) {
-        let part = |phase: usize| winograd::PartGradient { start: phase_start(phase, s), extents: extents(phase) };
-        let parts: [_; PHASES] = std::array::from_fn(part);
-        let sums = winograd::weight_gradient(x, gradient, &small_sizes(s), &parts, &phase_target(s));
-        for (phase, sums) in sums.chunks_exact(s.outputs * s.inputs * 9).enumerate() {
-            add(phase, sums, 9, &|tap| {
+    out.par_chunks_mut(9).enumerate().for_each(|(i, kernel)| {
+        for phase in 0..PHASES {
+            let sums = &sums[(phase * s.outputs * s.inputs + i) * 9..][..9];
+            for tap in 0..4 {
                 let [y, x] = place(phase, tap);
-                3 * y + x
-            });
+                taps_of(phase, tap).for_each(|k| kernel[k] += sums[3 * y + x]);
+            }
         }
-        return out;
-    }
-    let (rows, phases) = (padded_rows(x, s), phase_rows(gradient, s));
-    let Rows { image_step, row_step, .. } = phases.rows;
-    let layout = Target { image: image_step, channel: PHASES * phases.plane_step(), row: row_step, column: 1 };
-    for phase in 0..PHASES {
-        let gradient = &phases.rows.data[phases.at(phase, 0, 0)..];
-        let sums = correlate_gradient(&rows, &field(&rows, s, phase), gradient, s.outputs, &layout);
-        add(phase, &sums, 4, &|tap| tap);
-    }
+    });
     out
-}
-
-/// The gradient as planes of one phase each, `[N, O, phase, H, W]`.
-fn phase_rows(gradient: &[f32], s: &Sizes) -> Bordered {
-    Bordered::new(s.n, PHASES * s.outputs, [s.h, s.w], s.geometry, |plane, y, row| {
-        let (channel, phase) = (plane / PHASES, plane % PHASES);
-        let from = &gradient[(2 * (channel * s.h + y) + phase / 2) * 2 * s.w..][..2 * s.w];
-        row.iter_mut().zip(from[phase % 2..].iter().step_by(2)).for_each(|(to, from)| *to = *from);
-    })
 }
 
 /// The convolution of the small image whose taps the phases share.
 fn small_sizes(s: &Sizes) -> Sizes {
     Sizes { geometry: Conv3x3 { enlarge: false, ..s.geometry }, ..*s }
-}
-
-/// The place of a small pixel's phase in an enlarged plane.
-fn enlarged_pixel(phase: usize, i: usize, s: &Sizes) -> usize {
-    (2 * (i / s.w) + phase / 2) * 2 * s.w + 2 * (i % s.w) + phase % 2
-}
-
-/// `[N, phase, O, H · W]` → `[N, O, 2H, 2W]`
-fn interleaved(phases: &[f32], s: &Sizes) -> Vec<f32> {
-    let area = s.h * s.w;
-    let mut out = zeros(phases.len());
-    for (i, plane) in phases.chunks_exact(area).enumerate() {
-        let (n, phase, o) = (i / s.outputs / PHASES, i / s.outputs % PHASES, i % s.outputs);
-        let to = &mut out[(n * s.outputs + o) * PHASES * area..][..PHASES * area];
-        plane.iter().enumerate().for_each(|(i, v)| to[enlarged_pixel(phase, i, s)] = *v);
-    }
-    out
 }
 
 /// `[N, O, 2H, 2W]` → `[N, O, phase, H · W]`

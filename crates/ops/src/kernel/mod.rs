@@ -1,11 +1,12 @@
 //! CPU kernels behind the one extension of burn's back ends.
 //!
-//! Each kernel stands beside a composed reference (`reference*` in [`crate::conv`], [`crate::activation`],
-//! [`crate::cost_volume`], [`crate::warp`]), which every other device uses and which the tests compare it with. Results
+//! Each kernel stands beside a composed reference (`reference*` in [`crate::conv`], [`crate::filters`],
+//! [`crate::activation`], [`crate::cost_volume`], [`crate::warp`]), which every other device uses and which the tests compare it with. Results
 //! don't depend on the number of threads: every output is summed by one task in one order.
 
 mod autodiff;
 mod bands;
+mod columns;
 pub mod conv;
 mod correlate;
 pub mod correlation;
@@ -29,6 +30,7 @@ use burn::tensor::{Bytes, DType, Device, Shape, Tensor};
 use burn_flex::{FlexTensor, Layout};
 
 use crate::conv::Conv3x3;
+use crate::filters::EPSILON;
 
 /// The functions a back end must bring to run the fast route. The `*_backward` functions are used by autodiff only.
 #[backend_extension(Autodiff, Flex)]
@@ -53,6 +55,10 @@ pub trait NetKernels: Backend {
         rows: usize,
         slope: f32,
     ) -> (FloatTensor<Self>, FloatTensor<Self>);
+    /// See [`crate::filters::normalised_filters`].
+    fn normalised_filters(w: FloatTensor<Self>, gain: f32) -> FloatTensor<Self>;
+    /// Gradient of the weights of [`Self::normalised_filters`].
+    fn normalised_filters_backward(w: FloatTensor<Self>, gradient: FloatTensor<Self>, gain: f32) -> FloatTensor<Self>;
     /// See [`crate::cost_volume::cost_volume`].
     fn cost_volume(a: FloatTensor<Self>, b: FloatTensor<Self>, radius: usize) -> FloatTensor<Self>;
     /// Gradients of both inputs of [`Self::cost_volume`].
@@ -153,6 +159,19 @@ impl NetKernels for Flex {
             sums = (0..c).map(|c_| (0..n).map(|i| sums[i * c + c_]).sum()).collect();
         }
         (tensor(gx, [n, c, h, w]), tensor(sums, [rows, c]))
+    }
+
+    fn normalised_filters(w: FlexTensor, gain: f32) -> FlexTensor {
+        let shape = dims(&w);
+        let length = shape[1..].iter().product();
+        tensor(pointwise::normalised(Values::new(w).get(), length, gain, EPSILON), shape)
+    }
+
+    fn normalised_filters_backward(w: FlexTensor, gradient: FlexTensor, gain: f32) -> FlexTensor {
+        let shape = dims(&w);
+        let length = shape[1..].iter().product();
+        let (w, gradient) = (Values::new(w), Values::new(gradient));
+        tensor(pointwise::normalised_backward(w.get(), gradient.get(), length, gain, EPSILON), shape)
     }
 
     fn cost_volume(a: FlexTensor, b: FlexTensor, radius: usize) -> FlexTensor {

@@ -1,4 +1,4 @@
-//! Bias and leaky ReLU in one pass.
+//! Bias and leaky ReLU in one pass; filters of one norm in two.
 
 use std::mem::MaybeUninit;
 
@@ -45,24 +45,59 @@ pub fn leaky_backward(output: &[f32], gradient: &[f32], slope: f32) -> Vec<f32> 
     unsafe { filled(gradient.len(), fill) }
 }
 
-/// The sum of each plane of `area` pixels, in eight interleaved partial sums.
+/// The sum of each plane of `area` pixels.
 pub fn plane_sums(x: &[f32], area: usize) -> Vec<f32> {
-    x.par_chunks(area)
-        .with_min_len(min_planes(area))
-        .map(|plane| {
-            let mut lanes = [0.0f32; 8];
+    let sum = |plane| vectorised(|| sum(plane, plane, |v, _| v));
+    x.par_chunks(area).with_min_len(min_planes(area)).map(sum).collect()
+}
+
+/// `Σ term(a, b)` in 32 interleaved partial sums.
+#[inline(always)]
+fn sum(a: &[f32], b: &[f32], term: impl Fn(f32, f32) -> f32) -> f32 {
+    let mut lanes = [0.0f32; 32];
+    let (whole_a, whole_b) = (a.chunks_exact(32), b.chunks_exact(32));
+    let rest: f32 = whole_a.remainder().iter().zip(whole_b.remainder()).map(|(&a, &b)| term(a, b)).sum();
+    for (a, b) in whole_a.zip(whole_b) {
+        for l in 0..32 {
+            lanes[l] += term(a[l], b[l]);
+        }
+    }
+    lanes.iter().sum::<f32>() + rest
+}
+
+/// Filters of `length` weights, each `gain · w / √(Σ w² + epsilon)`.
+pub fn normalised(w: &[f32], length: usize, gain: f32, epsilon: f32) -> Vec<f32> {
+    let fill = |out: &mut [MaybeUninit<f32>]| {
+        out.par_chunks_mut(length).zip(w.par_chunks(length)).for_each(|(to, w)| {
             vectorised(|| {
-                let whole = plane.chunks_exact(8);
-                let rest: f32 = whole.remainder().iter().sum();
-                for chunk in whole {
-                    for l in 0..8 {
-                        lanes[l] += chunk[l];
-                    }
+                let scale = gain / (sum(w, w, |a, b| a * b) + epsilon).sqrt();
+                to.iter_mut().zip(w).for_each(|(to, w)| {
+                    to.write(scale * w);
+                });
+            });
+        });
+    };
+    // SAFETY: every weight has a source.
+    unsafe { filled(w.len(), fill) }
+}
+
+/// The gradient of [`normalised`]'s weights: what is left of the results' gradient across each filter.
+pub fn normalised_backward(w: &[f32], gradient: &[f32], length: usize, gain: f32, epsilon: f32) -> Vec<f32> {
+    assert_eq!(w.len(), gradient.len());
+    let fill = |out: &mut [MaybeUninit<f32>]| {
+        let filters = out.par_chunks_mut(length).zip(w.par_chunks(length)).zip(gradient.par_chunks(length));
+        filters.for_each(|((to, w), g)| {
+            vectorised(|| {
+                let square = sum(w, w, |a, b| a * b) + epsilon;
+                let (scale, along) = (gain / square.sqrt(), sum(w, g, |a, b| a * b) / square);
+                for ((to, w), g) in to.iter_mut().zip(w).zip(g) {
+                    to.write(scale * (g - along * w));
                 }
-                lanes.iter().sum::<f32>() + rest
-            })
-        })
-        .collect()
+            });
+        });
+    };
+    // SAFETY: every weight has a source.
+    unsafe { filled(w.len(), fill) }
 }
 
 fn min_planes(area: usize) -> usize {

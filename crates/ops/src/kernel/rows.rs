@@ -1,4 +1,4 @@
-//! The memory that the inner loops read: padded rows of pixels, or columns of an image too narrow for a register tile.
+//! The memory that the inner loops read: padded rows of pixels.
 
 use std::mem::MaybeUninit;
 
@@ -82,55 +82,4 @@ pub(super) fn padded_field(rows: &Rows, s: &Sizes) -> Field {
         channel * plane + ky * row + kx % stride * phase + kx / stride
     };
     Field { offsets: Offsets::new((0..s.taps()).map(offset)), height: s.oh(), width: s.ow() }
-}
-
-/// One long row per kernel tap (9 per channel) that holds what all output pixels of the batch see through it.
-pub(super) fn column_rows(x: &[f32], s: &Sizes) -> Rows {
-    columns(9, s.inputs, s.n * s.oh() * s.ow(), |channel, k, column| {
-        for_each_source(s, k, |n, y, x_, o| column[o] = x[((n * s.inputs + channel) * s.h + y) * s.w + x_]);
-    })
-}
-
-/// The reverse of [`column_rows`]: one long row per tap that holds, for all input pixels of the batch, the sum of what the tap
-/// brings back to them from a gradient `[N, groups · planes, oh · ow]`. `taps` has the plane and kernel position of each tap of
-/// a group.
-pub(super) fn reverse_columns(gradient: &[f32], groups: usize, planes: usize, taps: &[(usize, usize)], s: &Sizes) -> Rows {
-    let area = s.oh() * s.ow();
-    columns(taps.len(), groups, s.n * s.h * s.w, |group, tap, column| {
-        let (plane, k) = taps[tap];
-        for_each_source(s, k, |n, y, x, o| {
-            let image = (n * groups + group) * planes + plane;
-            column[(n * s.h + y) * s.w + x] += gradient[image * area + o - n * area];
-        });
-    })
-}
-
-/// `count` columns of so many pixels for each group, filled by `fill(group, index, column)`.
-fn columns(count: usize, groups: usize, pixels: usize, fill: impl Fn(usize, usize, &mut [f32]) + Sync) -> Rows {
-    let step = pixels.next_multiple_of(TILE);
-    let mut data = zeros(groups * count * step);
-    data.par_chunks_mut(count * step).enumerate().for_each(|(group, columns)| {
-        columns.chunks_mut(step).enumerate().for_each(|(index, column)| fill(group, index, column));
-    });
-    Rows { data, image_step: 0, row_step: step, images: 1 }
-}
-
-/// The taps that read some columns, in their order.
-pub(super) fn column_field(rows: &Rows, columns: impl Iterator<Item = usize>, pixels: usize) -> Field {
-    Field { offsets: Offsets::new(columns.map(|column| column * rows.row_step)), height: 1, width: pixels }
-}
-
-/// Calls `f(image, source row, source column, output pixel)` for every output pixel that kernel tap `k` (0–8) sees.
-fn for_each_source(s: &Sizes, k: usize, mut f: impl FnMut(usize, usize, usize, usize)) {
-    let Conv3x3 { stride, dilation, .. } = s.geometry;
-    let (oh, ow) = (s.oh(), s.ow());
-    for n in 0..s.n {
-        for y in 0..oh {
-            let Some(sy) = s.source(y * stride + k / 3 * dilation, s.h) else { continue };
-            for x in 0..ow {
-                let Some(sx) = s.source(x * stride + k % 3 * dilation, s.w) else { continue };
-                f(n, sy, sx, (n * oh + y) * ow + x);
-            }
-        }
-    }
 }

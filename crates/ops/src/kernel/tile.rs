@@ -5,13 +5,9 @@
 
 /// Pixels per register tile.
 pub const TILE: usize = 16;
-/// Most output channels of a register tile.
-pub const MOST_OUTPUTS: usize = 16;
 /// Most taps of a weight-gradient tile.
 const MOST_TAPS: usize = 8;
 
-/// Accumulators of a tile: `outputs × TILE`.
-pub type Accumulators = [[f32; TILE]; MOST_OUTPUTS];
 /// Six rows of pixels that [`TILE`] neighbouring tiles of 6×6 read, four pixels apart.
 #[repr(align(64))]
 pub struct Window(pub [[f32; Window::WIDTH]; 6]);
@@ -55,6 +51,19 @@ impl Offsets {
     pub fn at(&self, k: usize) -> usize {
         self.taps[k]
     }
+
+    /// All taps, at most so many at a time.
+    pub fn chunks(&self, most: usize) -> impl Iterator<Item = Taps<'_>> {
+        self.taps.chunks(most).map(|offsets| Taps { offsets, reach: self.reach })
+    }
+}
+
+/// Some taps of [`Offsets`].
+#[derive(Clone, Copy)]
+pub struct Taps<'o> {
+    /// Where their pixels start.
+    pub offsets: &'o [usize],
+    reach: usize,
 }
 
 /// Which instructions a kernel may use; found once per call.
@@ -108,7 +117,7 @@ impl Instructions {
         }
     }
 
-    /// `out[r][p] = Σ_k weights[k · outputs + r] · source[base + offsets[k] + p]` for `outputs` output channels, 1 to
+    /// `out[r][p] += Σ_k weights[k · outputs + r] · source[base + offsets[k] + p]` for `outputs` output channels, 1 to
     /// [`Self::most_outputs`].
     #[inline]
     pub fn correlate(
@@ -116,12 +125,12 @@ impl Instructions {
         outputs: usize,
         source: &[f32],
         base: usize,
-        offsets: &Offsets,
+        Taps { offsets, reach }: Taps,
         weights: &[f32],
-        out: &mut Accumulators,
+        out: &mut [[f32; TILE]],
     ) {
-        assert!((1..=self.most_outputs()).contains(&outputs) && weights.len() == offsets.len() * outputs);
-        assert!(base + offsets.reach + TILE <= source.len());
+        assert!((1..=self.most_outputs().min(out.len())).contains(&outputs) && weights.len() == offsets.len() * outputs);
+        assert!(base + reach + TILE <= source.len());
         // SAFETY: a variant is only made after its features were found; outputs, weights and loads were checked above.
         unsafe {
             match self {
@@ -214,11 +223,11 @@ impl Instructions {
         }
     }
 
-    /// Transforms the sums of 36 frequencies, `step` apart, into 4×4 results of sixteen tiles, `[y][x][tile]`.
-    pub fn gather(self, sums: &[f32], step: usize) -> [[Outputs; 4]; 4] {
+    /// Transforms the sums of 36 frequencies, `step` apart, into four rows of results of sixteen neighbouring tiles.
+    pub fn gather(self, sums: &[f32], step: usize) -> [[f32; 4 * TILE]; 4] {
         assert!(35 * step + TILE <= sums.len());
-        let mut out = [[[0.0; TILE]; 4]; 4];
-        let (sums, to) = (sums.as_ptr(), out.as_flattened_mut().as_flattened_mut().as_mut_ptr());
+        let mut out = [[0.0; 4 * TILE]; 4];
+        let (sums, to) = (sums.as_ptr(), out.as_flattened_mut().as_mut_ptr());
         // SAFETY: a variant is only made after its features were found; loads were checked above, stores fill `out`.
         unsafe {
             match self {
@@ -270,13 +279,20 @@ const LINE: usize = 16;
 /// Chains of multiply-adds that [`Instructions::multiply_adds`] runs: enough to hide the latency of one.
 const CHAINS: usize = 10;
 
-fn portable_correlate(outputs: usize, source: &[f32], base: usize, offsets: &Offsets, weights: &[f32], out: &mut Accumulators) {
-    *out = [[0.0; TILE]; MOST_OUTPUTS];
-    for (&offset, w) in offsets.taps.iter().zip(weights.chunks_exact(outputs)) {
-        let x = &source[base + offset..][..TILE];
-        for (acc, w) in out.iter_mut().zip(w) {
-            acc.iter_mut().zip(x).for_each(|(a, x)| *a += w * x);
+fn portable_correlate(
+    outputs: usize,
+    source: &[f32],
+    base: usize,
+    offsets: &[usize],
+    weights: &[f32],
+    out: &mut [[f32; TILE]],
+) {
+    for (r, out) in out[..outputs].iter_mut().enumerate() {
+        let mut acc = [0.0; TILE];
+        for (&offset, w) in offsets.iter().zip(weights.chunks_exact(outputs)) {
+            acc.iter_mut().zip(&source[base + offset..][..TILE]).for_each(|(acc, x)| *acc += w[r] * x);
         }
+        out.iter_mut().zip(acc).for_each(|(sum, acc)| *sum += acc);
     }
 }
 
@@ -314,7 +330,7 @@ pub const POINTS: [f32; 2] = [0.75, 1.5];
 /// Winograd's transforms of F(4×4, 3×3) for one kind of vector (Lavin and Gray 2016, section 4.3, with other points).
 macro_rules! winograd_loops {
     (
-        [$(#[$features:meta])*], $vector:ident, $zero:expr, $splat:ident, $load:ident, $store:ident, $tiles:path,
+        [$(#[$features:meta])*], $vector:ident, $zero:expr, $splat:ident, $load:ident, $store:ident, $tiles:path, $rows:path,
         |$sum:ident, $a:ident, $b:ident| $multiply_add:expr
     ) => {
         const A: f32 = super::POINTS[0];
@@ -453,8 +469,8 @@ macro_rules! winograd_loops {
                         }
                     }
                     for (y, line) in lines.into_iter().enumerate() {
-                        for (x, result) in gather_row(line).into_iter().enumerate() {
-                            $store(to.add((y * 4 + x) * TILE + i), result);
+                        for (x, results) in $rows(gather_row(line)).into_iter().enumerate() {
+                            $store(to.add((y * TILE + i) * 4 + x * LANES), results);
                         }
                     }
                 }
@@ -469,9 +485,9 @@ mod portable {
 
     const LANES: usize = 1;
 
-    winograd_loops!([], f32, 0.0, identity, load, store, tile, |sum, a, b| *sum + a * b);
+    winograd_loops!([], f32, 0.0, identity, load, store, tile, identity, |sum, a, b| *sum + a * b);
 
-    fn identity(value: f32) -> f32 {
+    fn identity<T>(value: T) -> T {
         value
     }
 
@@ -529,6 +545,25 @@ unsafe fn sixteen_tiles(from: *const f32) -> [std::arch::x86_64::__m512; 6] {
     [zero, one, two, three, four, shifted(behind, one)]
 }
 
+/// Four results in a row of sixteen neighbouring tiles, `[x][tile]`, as they follow each other.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f")]
+fn sixteen_rows([one, two, three, four]: [std::arch::x86_64::__m512; 4]) -> [std::arch::x86_64::__m512; 4] {
+    use std::arch::x86_64::*;
+    let pairs = [(one, two), (three, four)].map(|(a, b)| (_mm512_unpacklo_ps(a, b), _mm512_unpackhi_ps(a, b)));
+    // Quarter `q` has the four results of tile 4·q + i.
+    let tiles = |low: __m512, high: __m512| {
+        let (low, high) = (_mm512_castps_pd(low), _mm512_castps_pd(high));
+        [_mm512_unpacklo_pd(low, high), _mm512_unpackhi_pd(low, high)].map(|v| _mm512_castpd_ps(v))
+    };
+    let ([a, b], [c, d]) = (tiles(pairs[0].0, pairs[1].0), tiles(pairs[0].1, pairs[1].1));
+    let halves = |a, b| (_mm512_shuffle_f32x4::<0x88>(a, b), _mm512_shuffle_f32x4::<0xdd>(a, b));
+    let ((ab_even, ab_odd), (cd_even, cd_odd)) = (halves(a, b), halves(c, d));
+    let whole = |ab, cd| [_mm512_shuffle_f32x4::<0x88>(ab, cd), _mm512_shuffle_f32x4::<0xdd>(ab, cd)];
+    let ([zeroth, second], [first, third]) = (whole(ab_even, cd_even), whole(ab_odd, cd_odd));
+    [zeroth, first, second, third]
+}
+
 /// The same for eight tiles.
 ///
 /// # Safety
@@ -537,9 +572,33 @@ unsafe fn sixteen_tiles(from: *const f32) -> [std::arch::x86_64::__m512; 6] {
 #[target_feature(enable = "avx2")]
 unsafe fn eight_tiles(from: *const f32) -> [std::arch::x86_64::__m256; 6] {
     use std::arch::x86_64::*;
-    let places = _mm256_setr_epi32(0, 4, 8, 12, 16, 20, 24, 28);
+    // Four pixels of tile `i` and of tile `i + 4`.
     // SAFETY: the caller's promise.
-    std::array::from_fn(|x| unsafe { _mm256_i32gather_ps::<4>(from.add(x).sub(1), places) })
+    let [a, b, c, d] = std::array::from_fn(|i| unsafe { _mm256_loadu2_m128(from.add(4 * i + 16), from.add(4 * i)) });
+    // SAFETY: the caller's promise.
+    let (before, behind) = unsafe { (_mm256_set1_ps(*from.sub(1)), _mm256_set1_ps(*from.add(32))) };
+    let [(a, b), (c, d)] = [(a, b), (c, d)].map(|(a, b)| (_mm256_unpacklo_ps(a, b), _mm256_unpackhi_ps(a, b)));
+    let [(one, two), (three, four)] =
+        [(a, c), (b, d)].map(|(a, b)| (_mm256_shuffle_ps::<0x44>(a, b), _mm256_shuffle_ps::<0xee>(a, b)));
+    // A vector's last `4 − n / 4` numbers in each half, and the first ones of another's.
+    let joined = |a, b| (_mm256_castps_si256(a), _mm256_castps_si256(b));
+    let (a, b) = joined(four, _mm256_insertf128_ps::<1>(before, _mm256_castps256_ps128(four)));
+    let zero = _mm256_castsi256_ps(_mm256_alignr_epi8::<12>(a, b));
+    let (a, b) = joined(_mm256_permute2f128_ps::<0x21>(one, behind), one);
+    [zero, one, two, three, four, _mm256_castsi256_ps(_mm256_alignr_epi8::<4>(a, b))]
+}
+
+/// See [`sixteen_rows`].
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn eight_rows([one, two, three, four]: [std::arch::x86_64::__m256; 4]) -> [std::arch::x86_64::__m256; 4] {
+    use std::arch::x86_64::*;
+    let [(a, b), (c, d)] = [(one, two), (three, four)].map(|(a, b)| (_mm256_unpacklo_ps(a, b), _mm256_unpackhi_ps(a, b)));
+    // Each half has the four results of tile `i` or `i + 4`.
+    let [(zero, one), (two, three)] =
+        [(a, c), (b, d)].map(|(a, b)| (_mm256_shuffle_ps::<0x44>(a, b), _mm256_shuffle_ps::<0xee>(a, b)));
+    let (low, high) = (|a, b| _mm256_permute2f128_ps::<0x20>(a, b), |a, b| _mm256_permute2f128_ps::<0x31>(a, b));
+    [low(zero, one), low(two, three), high(zero, one), high(two, three)]
 }
 
 /// The same for four tiles.
@@ -556,11 +615,23 @@ unsafe fn four_tiles(from: *const f32) -> [std::arch::aarch64::float32x4_t; 6] {
     [vextq_f32::<3>(before, four), one, two, three, four, vextq_f32::<1>(one, behind)]
 }
 
+/// See [`sixteen_rows`].
+#[cfg(target_arch = "aarch64")]
+#[target_feature(enable = "neon")]
+fn four_rows([one, two, three, four]: [std::arch::aarch64::float32x4_t; 4]) -> [std::arch::aarch64::float32x4_t; 4] {
+    use std::arch::aarch64::*;
+    let pairs = |a, b| [vtrn1q_f32(a, b), vtrn2q_f32(a, b)].map(|v| vreinterpretq_f64_f32(v));
+    let ([zero, one], [two, three]) = (pairs(one, two), pairs(three, four));
+    let whole = [vtrn1q_f64(zero, two), vtrn1q_f64(one, three), vtrn2q_f64(zero, two), vtrn2q_f64(one, three)];
+    whole.map(|v| vreinterpretq_f32_f64(v))
+}
+
 /// The loops for one kind of vector. `$outputs` counts the output channels of a tile up to the most.
 macro_rules! vector_loops {
     (
         $module:ident, $features:tt, $vector:ident, $lanes:literal, $most:literal, [$($outputs:literal)*], $taps:literal,
-        $zero:expr, $splat:ident, $load:ident, $store:ident, $tiles:ident, |$sum:ident, $a:ident, $b:ident| $multiply_add:expr
+        $zero:expr, $splat:ident, $load:ident, $store:ident, $tiles:ident, $rows:ident,
+        |$sum:ident, $a:ident, $b:ident| $multiply_add:expr
     ) => {
         mod $module {
             #[cfg(target_arch = "aarch64")]
@@ -568,7 +639,7 @@ macro_rules! vector_loops {
             #[cfg(target_arch = "x86_64")]
             use std::arch::x86_64::*;
 
-            use super::{Accumulators, CHAINS, Offsets, Outputs, TILE, Window};
+            use super::{CHAINS, Outputs, TILE, Window};
 
             const LANES: usize = $lanes;
             const VECTORS: usize = TILE / LANES;
@@ -576,16 +647,16 @@ macro_rules! vector_loops {
             pub const TAPS: usize = $taps;
 
             /// # Safety
-            /// Needs the module's features, `base + offset + TILE <= source.len()` for every offset, and `outputs` weights per
-            /// offset, 1 to [`MOST_OUTPUTS`].
+            /// Needs the module's features, `base + offset + TILE <= source.len()` for every offset, and `outputs` rows of `out` and
+            /// weights per offset, 1 to [`MOST_OUTPUTS`].
             #[target_feature(enable = $features)]
             pub unsafe fn correlate(
                 outputs: usize,
                 source: &[f32],
                 base: usize,
-                offsets: &Offsets,
+                offsets: &[usize],
                 weights: &[f32],
-                out: &mut Accumulators,
+                out: &mut [[f32; TILE]],
             ) {
                 // SAFETY: the caller's promise is passed on.
                 unsafe {
@@ -601,16 +672,16 @@ macro_rules! vector_loops {
             unsafe fn correlate_outputs<const R: usize>(
                 source: &[f32],
                 base: usize,
-                offsets: &Offsets,
+                offsets: &[usize],
                 weights: &[f32],
-                out: &mut Accumulators,
+                out: &mut [[f32; TILE]],
             ) {
-                // SAFETY: `correlate`'s promise covers every load; stores go to `R` whole rows of `out`.
+                // SAFETY: `correlate`'s promise covers every load and the `R` whole rows of `out`.
                 unsafe {
                     let start = source.as_ptr().add(base);
                     let mut weight = weights.as_ptr();
                     let mut acc: [[$vector; VECTORS]; R] = [[$zero; VECTORS]; R];
-                    for &offset in &offsets.taps {
+                    for &offset in offsets {
                         let mut x = [$zero; VECTORS];
                         for (i, x) in x.iter_mut().enumerate() {
                             *x = $load(start.add(offset + i * LANES));
@@ -623,9 +694,22 @@ macro_rules! vector_loops {
                         }
                         weight = weight.add(R);
                     }
-                    for (to, acc) in out.iter_mut().zip(acc) {
-                        for (i, acc) in acc.into_iter().enumerate() {
-                            $store(to.as_mut_ptr().add(i * LANES), acc);
+                    add_rows(out, acc);
+                }
+            }
+
+            /// Adds sums to sums: over thousands of terms, one running sum would lose digits.
+            #[inline]
+            #[target_feature(enable = $features)]
+            unsafe fn add_rows<const R: usize>(sums: &mut [Outputs], acc: [[$vector; VECTORS]; R]) {
+                // SAFETY: the module's features are there; rows are whole.
+                unsafe {
+                    let $a = $splat(1.0);
+                    for (sums, acc) in sums.iter_mut().zip(acc) {
+                        for (i, $b) in acc.into_iter().enumerate() {
+                            let to = sums.as_mut_ptr().add(i * LANES);
+                            let $sum = &mut $load(to);
+                            $store(to, $multiply_add);
                         }
                     }
                 }
@@ -664,19 +748,11 @@ macro_rules! vector_loops {
                             }
                         }
                     }
-                    // Sums of sums: over thousands of pixels, one running sum would lose digits.
-                    let $a = $splat(1.0);
-                    for (sums, acc) in sums.iter_mut().zip(acc) {
-                        for (i, $b) in acc.into_iter().enumerate() {
-                            let to = sums.as_mut_ptr().add(i * LANES);
-                            let $sum = &mut $load(to);
-                            $store(to, $multiply_add);
-                        }
-                    }
+                    add_rows(sums, acc);
                 }
             }
 
-            winograd_loops!([#[target_feature(enable = $features)]], $vector, $zero, $splat, $load, $store, super::$tiles, |$sum, $a, $b| $multiply_add);
+            winograd_loops!([#[target_feature(enable = $features)]], $vector, $zero, $splat, $load, $store, super::$tiles, super::$rows, |$sum, $a, $b| $multiply_add);
 
             /// # Safety
             /// Needs the module's features.
@@ -711,21 +787,22 @@ macro_rules! vector_loops {
 #[cfg(target_arch = "x86_64")]
 vector_loops!(
     avx512, "avx512f", __m512, 16, 16, [1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16], 8,
-    _mm512_setzero_ps(), _mm512_set1_ps, _mm512_loadu_ps, _mm512_storeu_ps, sixteen_tiles,
+    _mm512_setzero_ps(), _mm512_set1_ps, _mm512_loadu_ps, _mm512_storeu_ps, sixteen_tiles, sixteen_rows,
     |sum, a, b| _mm512_fmadd_ps(a, b, *sum)
 );
 // 6 × 16 accumulators fill twelve of sixteen registers.
 #[cfg(target_arch = "x86_64")]
 vector_loops!(
     avx2, "avx2,fma", __m256, 8, 6, [1 2 3 4 5 6], 6,
-    _mm256_setzero_ps(), _mm256_set1_ps, _mm256_loadu_ps, _mm256_storeu_ps, eight_tiles,
+    _mm256_setzero_ps(), _mm256_set1_ps, _mm256_loadu_ps, _mm256_storeu_ps, eight_tiles, eight_rows,
     |sum, a, b| _mm256_fmadd_ps(a, b, *sum)
 );
 // 6 × 16 accumulators fill 24 of 32 registers.
 #[cfg(target_arch = "aarch64")]
 vector_loops!(
     neon, "neon", float32x4_t, 4, 6, [1 2 3 4 5 6], 6,
-    vdupq_n_f32(0.0), vdupq_n_f32, vld1q_f32, vst1q_f32, four_tiles, |sum, a, b| vfmaq_f32(*sum, a, b)
+    vdupq_n_f32(0.0), vdupq_n_f32, vld1q_f32, vst1q_f32, four_tiles, four_rows,
+    |sum, a, b| vfmaq_f32(*sum, a, b)
 );
 
 #[cfg(test)]
@@ -739,11 +816,13 @@ mod tests {
         for route in Instructions::available() {
             for outputs in 1..=route.most_outputs() {
                 let weights: Vec<f32> = (0..offsets.len() * outputs).map(|i| (i as f32).cos()).collect();
-                let mut found = [[0.0; TILE]; MOST_OUTPUTS];
-                route.correlate(outputs, &source, 5, &offsets, &weights, &mut found);
+                let mut found = [[0.25; TILE]; 16];
+                for (taps, weights) in offsets.chunks(3).zip(weights.chunks(3 * outputs)) {
+                    route.correlate(outputs, &source, 5, taps, weights, &mut found);
+                }
                 for (r, p) in (0..outputs * TILE).map(|i| (i / TILE, i % TILE)) {
                     let term = |k: usize| weights[k * outputs + r] * source[5 + offsets.at(k) + p];
-                    let expected: f32 = (0..offsets.len()).map(term).sum();
+                    let expected = 0.25 + (0..offsets.len()).map(term).sum::<f32>();
                     assert!((found[r][p] - expected).abs() < 1e-5, "{route:?}, {outputs} outputs");
                 }
             }
@@ -771,11 +850,7 @@ mod tests {
             route.spread(&window, &mut frequencies, [1, step]);
             let mut of_results = vec![[0.0; TILE]; 72];
             route.spread_results(&results, &mut of_results, 2);
-            [
-                frequencies.clone(),
-                of_results.into_flattened(),
-                route.gather(&frequencies, step).as_flattened().as_flattened().to_vec(),
-            ]
+            [frequencies.clone(), of_results.into_flattened(), route.gather(&frequencies, step).as_flattened().to_vec()]
         };
         let expected = all(Instructions::Portable);
         for route in Instructions::available() {

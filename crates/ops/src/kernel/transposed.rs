@@ -6,24 +6,14 @@
 use rayon::prelude::*;
 
 use super::conv::Sizes;
-use super::correlate::{Part, Target, correlate};
+use super::correlate::{Part, Target, Weights, correlate};
 use super::rows::{Field, Rows, filled, zeros};
 use super::tile::{Offsets, TILE};
 use crate::conv::{Conv3x3, Padding};
 
-/// Most taps of an output: four phases of 2×2 when it enlarges.
-const MOST_TAPS: usize = 16;
-
-/// One weight's place: which of its output's planes in the gradient it multiplies, and its row and column in the 3×3 kernel.
-pub struct Tap {
-    pub plane: usize,
-    pub row: usize,
-    pub column: usize,
-}
-
 /// Planes of a gradient with zeros around each: every tap of every padded pixel reads one of them or a value.
-pub struct Bordered {
-    pub rows: Rows,
+struct Bordered {
+    rows: Rows,
     planes: usize,
     plane: usize,
     border: usize,
@@ -33,7 +23,7 @@ pub struct Bordered {
 
 impl Bordered {
     /// `fill(plane, y, row)` fills row `y` of a plane, counted through all images.
-    pub fn new(
+    fn new(
         images: usize,
         planes: usize,
         [height, width]: [usize; 2],
@@ -54,14 +44,9 @@ impl Bordered {
     }
 
     /// Where a place of a plane stands; up to the border outside.
-    pub fn at(&self, plane: usize, y: isize, x: isize) -> usize {
+    fn at(&self, plane: usize, y: isize, x: isize) -> usize {
         let inside = |v: isize| v.strict_add_unsigned(self.border).cast_unsigned();
         plane * self.plane + inside(y) * self.rows.row_step + inside(x)
-    }
-
-    /// The distance between an image's neighbouring planes.
-    pub fn plane_step(&self) -> usize {
-        self.plane
     }
 
     /// Some columns as planes of one row each; plane `p` of the gradient becomes planes `p · columns.len()` and following.
@@ -87,37 +72,34 @@ fn steps(distance: usize, back: usize, stride: usize) -> Option<isize> {
     (distance % stride == 0).then_some(distance / stride)
 }
 
-/// `[N, I, H, W]` from a gradient with the same taps for every output; `weights(input, output, taps)` fills theirs.
-pub fn input_gradient(
-    gradient: &Bordered,
-    taps: &[Tap],
-    weights: impl Fn(usize, usize, &mut [f32]) + Sync,
-    s: &Sizes,
-) -> Vec<f32> {
+/// `gradient [N, O, oh, ow]`, `w [O, I, 3, 3]` → `[N, I, H, W]`
+pub fn input_gradient(gradient: &[f32], w: &[f32], s: &Sizes) -> Vec<f32> {
     let Conv3x3 { stride, dilation, padding, .. } = s.geometry;
-    let planes = gradient.planes / s.outputs;
-    // The part of a correlation over those taps that `place(tap, output)` finds a start for; it is the same for all outputs.
-    let part = |[height, width]: [usize; 2], start: usize, place: &dyn Fn(&Tap, usize) -> Option<usize>| {
-        let chosen: Vec<usize> = (0..taps.len()).filter(|&i| place(&taps[i], 0).is_some()).collect();
-        let offsets = (0..s.outputs).flat_map(|o| chosen.iter().filter_map(move |&i| place(&taps[i], o)));
-        let field = Field { offsets: Offsets::new(offsets), height, width };
-        Part::new(field, start, s.inputs, chosen.len(), |channel, o, to| {
-            let mut all = [0.0; MOST_TAPS];
-            weights(channel, o, &mut all[..taps.len()]);
-            to.iter_mut().zip(&chosen).for_each(|(to, &i)| *to = all[i]);
-        })
+    let (oh, ow) = (s.oh(), s.ow());
+    let gradient = Bordered::new(s.n, s.outputs, [oh, ow], s.geometry, |plane, y, row| {
+        row.copy_from_slice(&gradient[(plane * oh + y) * ow..][..ow]);
+    });
+    // What a correlation over the taps that `place(row, column, output)` finds a start for reads, and these taps, the same for
+    // all outputs.
+    let field = |[height, width]: [usize; 2], place: &dyn Fn(usize, usize, usize) -> Option<usize>| {
+        let taps: Vec<usize> = (0..9).filter(|&k| place(k / 3, k % 3, 0).is_some()).collect();
+        let offsets = (0..s.outputs).flat_map(|o| taps.iter().filter_map(move |&k| place(k / 3, k % 3, o)));
+        (Field { offsets: Offsets::new(offsets), height, width }, taps)
     };
     // Pixel stride·i + phase takes from output i + (phase + dilation − k·dilation) / stride.
     let phases = |length: usize| 0..stride.min(length);
     let inner = |phase: usize, k: usize| steps(phase + dilation, k * dilation, stride);
-    let parts = phases(s.h).flat_map(|py| phases(s.w).map(move |px| (py, px))).map(|(py, px)| {
-        part([(s.h - py).div_ceil(stride), (s.w - px).div_ceil(stride)], py * s.w + px, &|tap, o| {
-            Some(gradient.at(o * planes + tap.plane, inner(py, tap.row)?, inner(px, tap.column)?))
+    let starts: Vec<(usize, usize)> = phases(s.h).flat_map(|py| phases(s.w).map(move |px| (py, px))).collect();
+    let fields: Vec<_> = starts
+        .iter()
+        .map(|&(py, px)| {
+            let size = [(s.h - py).div_ceil(stride), (s.w - px).div_ceil(stride)];
+            field(size, &|row, column, o| Some(gradient.at(o, inner(py, row)?, inner(px, column)?)))
         })
-    });
+        .collect();
     let area = s.h * s.w;
     let target = Target { image: s.inputs * area, channel: area, row: stride * s.w, column: stride };
-    let parts = parts.collect::<Vec<_>>();
+    let parts: Vec<Part> = fields.iter().zip(&starts).map(|(field, (py, px))| part(field, py * s.w + px, w, s)).collect();
     // SAFETY: the parts have the pixels of all phases.
     let mut out = unsafe { filled(s.n * s.inputs * area, |out| correlate(&gradient.rows, s.inputs, &parts, out, &target)) };
     if padding == Padding::Zero {
@@ -134,27 +116,37 @@ pub fn input_gradient(
     };
     let padded = s.w + 2 * dilation;
     for (p, lines) in border(s.h).filter_map(|p| Some((p, lines(p, gradient.height)?))) {
-        let parts = phases(padded).map(|phase| {
-            part([1, (padded - phase).div_ceil(stride)], phase, &|tap, o| {
-                let line = lines.iter().find(|line| line.tap == tap.row)?;
-                Some(gradient.at(o * planes + tap.plane, line.index, steps(phase, tap.column * dilation, stride)?))
+        let fields = phases(padded).map(|phase| {
+            field([1, (padded - phase).div_ceil(stride)], &|row, column, o| {
+                let line = lines.iter().find(|line| line.tap == row)?;
+                Some(gradient.at(o, line.index, steps(phase, column * dilation, stride)?))
             })
         });
-        let sums = along(gradient, &parts.collect::<Vec<_>>(), padded, stride, s);
+        let fields: Vec<_> = fields.collect();
+        let parts: Vec<Part> = fields.iter().enumerate().map(|(phase, field)| part(field, phase, w, s)).collect();
+        let sums = along(&gradient, &parts, padded, stride, s);
         add(&mut out, &sums, padded, s, |i| repeated(p, s.h) * s.w + repeated(i, s.w));
     }
     for (p, lines) in border(s.w).filter_map(|p| Some((p, lines(p, gradient.width)?))) {
         let strip = gradient.columns(&lines, s.geometry);
-        let parts = phases(s.h).map(|phase| {
-            part([1, (s.h - phase).div_ceil(stride)], phase, &|tap, o| {
-                let line = lines.iter().position(|line| line.tap == tap.column)?;
-                Some(strip.at((o * planes + tap.plane) * lines.len() + line, 0, inner(phase, tap.row)?))
+        let fields = phases(s.h).map(|phase| {
+            field([1, (s.h - phase).div_ceil(stride)], &|row, column, o| {
+                let line = lines.iter().position(|line| line.tap == column)?;
+                Some(strip.at(o * lines.len() + line, 0, inner(phase, row)?))
             })
         });
-        let sums = along(&strip, &parts.collect::<Vec<_>>(), s.h, stride, s);
+        let fields: Vec<_> = fields.collect();
+        let parts: Vec<Part> = fields.iter().enumerate().map(|(phase, field)| part(field, phase, w, s)).collect();
+        let sums = along(&strip, &parts, s.h, stride, s);
         add(&mut out, &sums, s.h, s, |i| i * s.w + repeated(p, s.w));
     }
     out
+}
+
+/// The part of a correlation that reads a field over some taps of each output.
+fn part<'f>((field, taps): &'f (Field, Vec<usize>), start: usize, w: &[f32], s: &Sizes) -> Part<'f> {
+    let place = |i: usize| i / taps.len() * s.taps() + taps[i % taps.len()];
+    Part::new(field, start, s.inputs, Weights { data: w, output: 9, place: &place })
 }
 
 /// A correlation along one row or column of the border, `[N, I, length]`.

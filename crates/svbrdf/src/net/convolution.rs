@@ -3,6 +3,7 @@
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use ops::conv::{Conv3x3, Padding, conv3x3};
+use ops::filters::normalised_filters;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
@@ -10,8 +11,6 @@ use super::{Normalisation, SvbrdfNetConfig};
 
 /// Standard deviation of the initial filters (spec 4.1).
 const INITIAL_STD: f32 = 0.02;
-/// Added under the root of a filter's norm (paper Eq. 5).
-const NORM_EPSILON: f32 = 1e-8;
 /// Added to an instance's variance.
 const VARIANCE_EPSILON: f32 = 1e-5;
 
@@ -68,16 +67,10 @@ impl Convolution {
     /// The filters that convolve: each of unit norm under weight normalisation.
     ///
     /// # Source
-    /// Paper Eq. 5: w' = w / √(Σ w² + ε) per output channel.
+    /// Paper Eq. 5.
     pub fn filters(&self) -> Tensor<4> {
         let weight = self.weight.val();
-        if self.affine.is_some() {
-            return weight;
-        }
-        let [out, inputs, _, _] = weight.dims();
-        let rows = weight.reshape([out, inputs * 9]);
-        let norm = rows.clone().square().sum_dim(1).add_scalar(NORM_EPSILON).sqrt();
-        (rows / norm * self.gain).reshape([out, inputs, 3, 3])
+        if self.affine.is_some() { weight } else { normalised_filters(weight, self.gain) }
     }
 
     /// Enlarges every pixel to a block of 2×2, convolves and normalises the upper-left `height × width` pixels: an odd level is

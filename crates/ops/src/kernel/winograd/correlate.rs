@@ -2,7 +2,6 @@
 
 use std::mem::MaybeUninit;
 use std::ops::Range;
-use std::sync::Arc;
 
 use rayon::prelude::*;
 
@@ -11,14 +10,23 @@ use crate::conv::{Conv3x3, Padding};
 use crate::kernel::conv::Sizes;
 use crate::kernel::correlate::{Shared, Target, blocks, store};
 use crate::kernel::rows::{filled, zeros};
-use crate::kernel::tile::{Instructions, MOST_OUTPUTS, Offsets, Outputs, POINTS, TILE, Window};
+use crate::kernel::tile::{Instructions, Offsets, POINTS, TILE, Window};
+use crate::kernel::vectorise::vectorised;
 
 /// Kernels below which transforming the pixels costs more than it saves.
 const FEWEST_KERNELS: usize = 128;
 /// Kernels whose frequencies stay in the caches while tiles come and go.
 const MOST_CACHED: usize = 80_000;
-/// Most groups of tiles that share the frequencies of kernels which don't.
+/// Groups of tiles that meet them together, if there are many.
+const GROUPS: usize = 2;
+/// Blocks of outputs that then read a frequency's pixels while they are in the first-level cache.
+const BLOCKS: usize = 11;
+/// The same of kernels that are transformed when they are needed: so few that their frequencies stay in the second-level cache.
+const FEW_BLOCKS: usize = 4;
+/// Groups of tiles that share them.
 const MOST_GROUPS: usize = 16;
+/// Channels that are summed up before the next ones.
+const CHANNELS: usize = 128;
 
 /// One number of each tile.
 type Lanes = [f32; TILE];
@@ -83,22 +91,34 @@ fn run<K: Fn(usize, usize) -> [f32; 9] + Sync, S: Fn(Run) + Sync>(
     let grid = Grid::new(s.n, size);
     let job = Job { instructions: Instructions::detect(), pixels, grid: &grid, size, sink };
     let blocks = blocks(s.outputs);
-    let owners: Vec<Owner> = parts
+    let cached = s.inputs * s.outputs * parts.len() <= MOST_CACHED;
+    let reads: Vec<Vec<Reads>> = parts.iter().map(|part| part.reads(s, &extents)).collect();
+    let owners: Vec<Owner<K>> = parts
         .iter()
-        .flat_map(|part| {
-            let reads: Arc<[Offsets]> = part.reads(s, &extents).into();
-            blocks.iter().map(move |&block| Owner { start: part.start, extents: part.extents, block, reads: reads.clone() })
+        .zip(&reads)
+        .flat_map(|(part, reads)| {
+            blocks.chunks(if cached { BLOCKS } else { FEW_BLOCKS }).map(move |blocks| Owner { part, reads, blocks })
         })
         .collect();
-    let pack = |i: usize| parts[i / blocks.len()].packed(s, &extents, owners[i].block);
     let size = job.spectrum_size();
-    if s.inputs * s.outputs * parts.len() <= MOST_CACHED {
-        let packed: Vec<Vec<Vec<f32>>> = (0..owners.len()).into_par_iter().map(pack).collect();
-        let scratch = || (zeros(size), Sums::new(1), Window::default());
-        (0..grid.groups()).into_par_iter().for_each_init(scratch, |(spectrum, sums, window), group| {
-            job.spread(group, spectrum, window);
+    if cached {
+        let packed = |owner: &Owner<K>| owner.reads.iter().map(|reads| owner.packed(reads)).collect();
+        let packed: Vec<Vec<Packed>> = owners.par_iter().map(packed).collect();
+        let together = (grid.groups() / 64).clamp(1, GROUPS);
+        let scratch = || (zeros(together * size), Vec::new(), Window::default());
+        (0..grid.groups().div_ceil(together)).into_par_iter().for_each_init(scratch, |(spectra, sums, window), task| {
+            let groups = task * together..((task + 1) * together).min(grid.groups());
+            for (group, spectrum) in groups.clone().zip(spectra.chunks_exact_mut(size)) {
+                job.spread(group, spectrum, window);
+            }
             for (owner, packed) in owners.iter().zip(&packed) {
-                job.finish(owner, packed, group..group + 1, spectrum, sums);
+                sums.clear();
+                owner
+                    .reads
+                    .iter()
+                    .zip(packed)
+                    .for_each(|(reads, packed)| job.add(owner, reads, packed, groups.len(), spectra, sums));
+                job.finish(owner, groups.clone(), sums);
             }
         });
         return;
@@ -110,8 +130,11 @@ fn run<K: Fn(usize, usize) -> [f32; 9] + Sync, S: Fn(Run) + Sync>(
         let spectra = &mut spectra[..groups.len() * size];
         let each = spectra.par_chunks_mut(size).zip(groups.clone());
         each.for_each_init(Window::default, |window, (spectrum, group)| job.spread(group, spectrum, window));
-        let each = (0..owners.len()).into_par_iter();
-        each.for_each_init(|| Sums::new(together), |sums, i| job.finish(&owners[i], &pack(i), groups.clone(), spectra, sums));
+        owners.par_iter().for_each_init(Vec::new, |sums, owner| {
+            sums.clear();
+            owner.reads.iter().for_each(|reads| job.add(owner, reads, &owner.packed(reads), groups.len(), spectra, sums));
+            job.finish(owner, groups.clone(), sums);
+        });
     }
 }
 
@@ -125,23 +148,23 @@ struct Job<'a, S> {
     sink: &'a S,
 }
 
-/// A block of outputs of one part.
-struct Owner {
-    start: usize,
-    extents: Extents,
-    block: (usize, usize),
-    /// The channels that each frequency reads.
-    reads: Arc<[Offsets]>,
+/// Blocks of outputs of one part.
+struct Owner<'p, K> {
+    part: &'p Part<K>,
+    reads: &'p [Reads],
+    blocks: &'p [(usize, usize)],
 }
 
-/// Sums of some groups of tiles, `[group][frequency][output][tile]`.
-struct Sums(Vec<[[Lanes; MOST_OUTPUTS]; FREQUENCIES]>);
-
-impl Sums {
-    fn new(groups: usize) -> Self {
-        Self(vec![[[[0.0; TILE]; MOST_OUTPUTS]; FREQUENCIES]; groups])
-    }
+/// Some channels, and what a part has of them.
+struct Reads {
+    /// Each channel, and which of the part's frequencies, counted, may differ from zero in it.
+    channels: Vec<(usize, Vec<usize>)>,
+    /// For each of the part's frequencies, where it reads those channels.
+    offsets: Vec<(usize, Offsets)>,
 }
+
+/// The kernels between those channels and an owner's outputs, for each frequency of the part: block by block, channel by channel.
+type Packed = Vec<Vec<f32>>;
 
 impl<S: Fn(Run)> Job<'_, S> {
     /// Memory from one frequency of a group to the next: all channels, and the spare lanes of the last one.
@@ -164,37 +187,49 @@ impl<S: Fn(Run)> Job<'_, S> {
         }
     }
 
-    /// Multiplies the spectra of some groups with an owner's kernels and writes its results.
-    fn finish(&self, owner: &Owner, packed: &[Vec<f32>], groups: Range<usize>, spectra: &[f32], sums: &mut Sums) {
-        let (a, b) = owner.block;
-        let sums = &mut sums.0[..groups.len()];
-        if owner.extents != [Extent::Whole; 2] {
-            // What another part left behind.
-            sums.as_flattened_mut().fill([[0.0; TILE]; MOST_OUTPUTS]);
-        }
-        for (frequency, weights) in used(owner.extents, [Extent::Whole; 2]).zip(packed) {
-            for (group, sums) in sums.iter_mut().enumerate() {
+    /// Adds the products of the spectra of so many groups with an owner's kernels to its sums, `[group][frequency][output][tile]`,
+    /// which start from zero if there are none.
+    fn add<K>(
+        &self,
+        owner: &Owner<K>,
+        reads: &Reads,
+        packed: &[Vec<f32>],
+        groups: usize,
+        spectra: &[f32],
+        sums: &mut Vec<Lanes>,
+    ) {
+        let ((first, _), step) = (owner.outputs(), owner.step());
+        sums.resize(groups * FREQUENCIES * step, [0.0; TILE]);
+        for ((frequency, offsets), packed) in reads.offsets.iter().zip(packed) {
+            let Some(taps) = offsets.chunks(CHANNELS).next() else { continue };
+            for (group, sums) in sums.chunks_exact_mut(FREQUENCIES * step).enumerate() {
                 let base = group * self.spectrum_size() + frequency * self.step();
-                self.instructions.correlate(b - a, spectra, base, &owner.reads[frequency], weights, &mut sums[frequency]);
+                for &(a, b) in owner.blocks {
+                    let weights = &packed[(a - first) * offsets.len()..(b - first) * offsets.len()];
+                    self.instructions.correlate(b - a, spectra, base, taps, weights, &mut sums[frequency * step + a - first..]);
+                }
             }
         }
-        for (group, sums) in groups.zip(sums) {
-            for o in a..b {
-                let sums = &sums.as_flattened().as_flattened()[(o - a) * TILE..];
-                let results = self.instructions.gather(sums, MOST_OUTPUTS * TILE);
-                self.write(group, owner.start, o, &results);
+    }
+
+    /// Writes the results of an owner.
+    fn finish<K>(&self, owner: &Owner<K>, groups: Range<usize>, sums: &[Lanes]) {
+        let ((first, end), step) = (owner.outputs(), owner.step());
+        for (group, sums) in groups.zip(sums.chunks_exact(FREQUENCIES * step)) {
+            for o in first..end {
+                let results = self.instructions.gather(sums[o - first..].as_flattened(), step * TILE);
+                self.write(group, owner.part.start, o, &results);
             }
         }
     }
 
     /// Hands out the results of one output in a group of tiles.
-    fn write(&self, group: usize, start: usize, output: usize, results: &[[Lanes; RESULTS]; RESULTS]) {
+    fn write(&self, group: usize, start: usize, output: usize, results: &[[f32; RESULTS * TILE]; RESULTS]) {
         let [height, width] = self.size;
         for Piece { n, down, along, count, lane } in self.grid.pieces(group) {
             let x = RESULTS * along;
             for (y, row) in (RESULTS * down..height).zip(results) {
-                let row = interleaved(row);
-                let values = &row.as_flattened()[RESULTS * lane..][..(RESULTS * count).min(width - x)];
+                let values = &row[RESULTS * lane..][..(RESULTS * count).min(width - x)];
                 (self.sink)(Run { start, n, output, y, x, values });
             }
         }
@@ -277,18 +312,13 @@ pub(in crate::kernel) fn image_gradient(
     out
 }
 
-/// `[x][tile]` → `[tile][x]`
-#[inline(always)]
-fn interleaved(row: &[Lanes; RESULTS]) -> [[f32; RESULTS]; TILE] {
-    std::array::from_fn(|tile| std::array::from_fn(|x| row[x][tile]))
-}
-
 /// Frequencies of three weights in a row: their polynomial at each point, over the product of the point's distances from others.
-fn spread_weights([a, b, c]: [&Outputs; 3]) -> [Outputs; SPAN] {
+#[inline(always)]
+fn spread_weights<const L: usize>([a, b, c]: [&[f32; L]; 3]) -> [[f32; L]; SPAN] {
     let [p, q] = POINTS.map(|point| point * point);
     let (near, far) = (1.0 / (2.0 * p * (p - q)), 1.0 / (2.0 * q * (q - p)));
-    let mut frequencies = [[0.0; TILE]; SPAN];
-    for o in 0..TILE {
+    let mut frequencies = [[0.0; L]; SPAN];
+    for o in 0..L {
         let (even, odd) = (near * (a[o] + p * c[o]), near * POINTS[0] * b[o]);
         let (wide_even, wide_odd) = (far * (a[o] + q * c[o]), far * POINTS[1] * b[o]);
         let all = [a[o] / (p * q), even + odd, even - odd, wide_even + wide_odd, wide_even - wide_odd, c[o]];
@@ -298,37 +328,79 @@ fn spread_weights([a, b, c]: [&Outputs; 3]) -> [Outputs; SPAN] {
 }
 
 /// All frequencies of some kernels.
-fn spread_kernels(kernels: &[Outputs; 9]) -> [[Outputs; SPAN]; SPAN] {
-    let columns: [[Outputs; SPAN]; 3] =
-        std::array::from_fn(|x| spread_weights([&kernels[x], &kernels[3 + x], &kernels[6 + x]]));
-    std::array::from_fn(|v| spread_weights([&columns[0][v], &columns[1][v], &columns[2][v]]))
+#[inline(always)]
+fn spread_kernels<const L: usize>(kernels: &[[f32; L]; 9]) -> [[f32; L]; FREQUENCIES] {
+    let columns: [_; 3] = std::array::from_fn(|x| spread_weights([&kernels[x], &kernels[3 + x], &kernels[6 + x]]));
+    let mut all = [[0.0; L]; FREQUENCIES];
+    for (v, row) in all.chunks_exact_mut(SPAN).enumerate() {
+        row.copy_from_slice(&spread_weights([&columns[0][v], &columns[1][v], &columns[2][v]]));
+    }
+    all
 }
 
-impl<K: Fn(usize, usize) -> [f32; 9]> Part<K> {
-    /// For each frequency, the channels in which it may differ from zero.
-    fn reads(&self, s: &Sizes, extents: impl Fn(usize) -> Extents) -> Vec<Offsets> {
-        let mut channels = vec![Vec::new(); FREQUENCIES];
-        for c in 0..s.inputs {
-            used(self.extents, extents(c)).for_each(|frequency| channels[frequency].push(c * TILE));
+impl<K> Part<K> {
+    fn reads(&self, s: &Sizes, extents: impl Fn(usize) -> Extents) -> Vec<Reads> {
+        let all: Vec<usize> = used(self.extents, [Extent::Whole; 2]).collect();
+        let chunks = (0..s.inputs).step_by(CHANNELS).map(|first| first..s.inputs.min(first + CHANNELS));
+        let reads = chunks.map(|chunk| {
+            let used =
+                |c: usize| used(self.extents, extents(c)).filter_map(|f| all.iter().position(|&other| other == f)).collect();
+            let channels: Vec<(usize, Vec<usize>)> = chunk.map(|c| (c, used(c))).collect();
+            let offsets = |i: usize| channels.iter().filter(move |(_, used)| used.contains(&i)).map(|(c, _)| c * TILE);
+            let offsets = all.iter().enumerate().map(|(i, &frequency)| (frequency, Offsets::new(offsets(i)))).collect();
+            Reads { channels, offsets }
+        });
+        reads.collect()
+    }
+}
+
+impl<K: Fn(usize, usize) -> [f32; 9]> Owner<'_, K> {
+    fn packed(&self, reads: &Reads) -> Packed {
+        let (first, end) = self.outputs();
+        // Whole vectors are written, and what is too much is written over by what follows.
+        let size = |(_, offsets): &(usize, Offsets)| offsets.len() * (end - first) + TILE;
+        let mut packed: Packed = reads.offsets.iter().map(|offsets| vec![0.0; size(offsets)]).collect();
+        for &(a, b) in self.blocks {
+            let starts = reads.offsets.iter().map(|(_, offsets)| offsets.len() * (a - first)).collect();
+            vectorised(|| {
+                if b - a <= TILE / 2 {
+                    self.pack::<{ TILE / 2 }>((a, b), reads, starts, &mut packed);
+                } else {
+                    self.pack::<TILE>((a, b), reads, starts, &mut packed);
+                }
+            });
         }
-        channels.into_iter().map(|channels| Offsets::new(channels.into_iter())).collect()
+        packed
     }
 
-    /// The kernels of a block of outputs for each frequency of this part, channel by channel.
-    fn packed(&self, s: &Sizes, extents: impl Fn(usize) -> Extents, (a, b): (usize, usize)) -> Vec<Vec<f32>> {
-        let mut packed: Vec<Vec<f32>> = (0..FREQUENCIES).map(|_| Vec::new()).collect();
-        used(self.extents, [Extent::Whole; 2]).for_each(|frequency| packed[frequency].reserve(s.inputs * (b - a)));
-        let mut kernels = [[0.0; TILE]; 9];
-        for c in 0..s.inputs {
+    /// The same for one block, given where its frequencies start.
+    #[inline(always)]
+    fn pack<const L: usize>(&self, (a, b): (usize, usize), reads: &Reads, mut starts: Vec<usize>, packed: &mut [Vec<f32>]) {
+        let mut kernels = [[0.0; L]; 9];
+        for (c, used) in &reads.channels {
             for o in a..b {
-                let kernel = (self.kernel)(o, c);
+                let kernel = (self.part.kernel)(o, *c);
                 kernels.iter_mut().zip(kernel).for_each(|(to, weight)| to[o - a] = weight);
             }
             let frequencies = spread_kernels(&kernels);
-            for frequency in used(self.extents, extents(c)) {
-                packed[frequency].extend_from_slice(&frequencies[frequency / SPAN][frequency % SPAN][..b - a]);
+            for &i in used {
+                packed[i][starts[i]..][..L].copy_from_slice(&frequencies[reads.offsets[i].0]);
+                starts[i] += b - a;
             }
         }
-        used(self.extents, [Extent::Whole; 2]).map(|frequency| std::mem::take(&mut packed[frequency])).collect()
+    }
+}
+
+impl<K> Owner<'_, K> {
+    /// The first output and the one behind the last.
+    fn outputs(&self) -> (usize, usize) {
+        (self.blocks[0].0, self.blocks[self.blocks.len() - 1].1)
+    }
+
+    /// Memory from one frequency's sums to the next one's; not a power of two, because those of one output would share a line of
+    /// the cache.
+    fn step(&self) -> usize {
+        let (first, end) = self.outputs();
+        end - first + 1
     }
 }
