@@ -92,7 +92,7 @@ pub(super) fn correlate(rows: &Rows, outputs: usize, parts: &[Part], out: &mut [
         assert!(start + last + (height - 1) * target.row + (width - 1) * target.column < out.len());
     }
     let shared = Shared::new(out);
-    let most = |size: fn(&Field) -> usize| parts.iter().map(|p| size(&p.field)).max().unwrap_or(0);
+    let most = |size: fn(&Field) -> usize| parts.iter().map(|p| size(p.field)).max().unwrap_or(0);
     let (height, width) = (most(|f| f.height), most(|f| f.width));
     let segments = width.div_ceil(SEGMENT);
     let places = rows.images * height * segments;
