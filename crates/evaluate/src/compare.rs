@@ -2,14 +2,12 @@
 
 use std::path::Path;
 
-use render::brdf::BrdfModel;
 use render::svbrdf::SvbrdfImage;
-use render::views::EvaluationViews;
 use scan::export::maps::read_exr;
 use svbrdf::constants::ConstantMaps;
-use svbrdf::metrics::{MapErrors, RenderErrors};
 
 use crate::EvaluateError;
+use crate::synthetic::Errors;
 
 /// Maps of a scan and the true ones, of one size.
 pub struct ScannedMaps {
@@ -20,9 +18,9 @@ pub struct ScannedMaps {
 /// Errors of one set of maps and of constant maps against the same truth.
 pub struct Comparison {
     /// The maps' errors.
-    pub found: (MapErrors, RenderErrors),
+    pub found: Errors,
     /// Those of the constant maps.
-    pub constant: (MapErrors, RenderErrors),
+    pub constant: Errors,
 }
 
 impl ScannedMaps {
@@ -42,20 +40,15 @@ impl ScannedMaps {
 
     /// Their errors beside those of constant maps.
     pub fn compare(&self, constants: &ConstantMaps) -> Comparison {
-        let views = EvaluationViews::standard();
-        let errors = |maps: &SvbrdfImage| {
-            let render = RenderErrors::between(maps, &self.truth, &views, BrdfModel::default());
-            MapErrors::between(maps, &self.truth, None).zip(render).expect("the sizes are equal and an image has pixels")
-        };
         let constant = constants.to_image(self.truth.height(), self.truth.width());
-        Comparison { found: errors(&self.maps), constant: errors(&constant) }
+        Comparison { found: Errors::between(&self.maps, &self.truth), constant: Errors::between(&constant, &self.truth) }
     }
 }
 
 impl Comparison {
     /// Name, error and constant maps' error of every figure; those that a small image lacks are left out.
     pub fn figures(&self) -> Vec<(&'static str, f64, f64)> {
-        let of = |(maps, render): &(MapErrors, RenderErrors)| {
+        let of = |Errors { maps, render, spikes }: &Errors| {
             [
                 ("diffuse L1", Some(maps.diffuse_l1)),
                 ("specular L1", Some(maps.specular_l1)),
@@ -64,17 +57,20 @@ impl Comparison {
                 ("normal, degrees", Some(maps.normal_deg)),
                 ("re-rendering L1", Some(render.l1)),
                 ("re-rendering DSSIM", render.dssim),
+                ("spikes, share of pixels", Some(spikes.share())),
+                ("spikes, mean excess", Some(spikes.excess)),
             ]
         };
         let pairs = of(&self.found).into_iter().zip(of(&self.constant));
         pairs.filter_map(|((name, found), (_, constant))| Some((name, found?, constant?))).collect()
     }
 
-    /// The figures as a Markdown table.
+    /// The figures as a Markdown table; without a ratio where constant maps have no error (they have no spikes).
     pub fn markdown(&self) -> String {
         let mut text = String::from("| error | maps | constant maps | ratio |\n|---|---|---|---|\n");
         for (name, found, constant) in self.figures() {
-            text += &format!("| {name} | {found:.4} | {constant:.4} | {:.3} |\n", found / constant);
+            let ratio = if constant > 0.0 { format!("{:.3}", found / constant) } else { "–".into() };
+            text += &format!("| {name} | {found:.4} | {constant:.4} | {ratio} |\n");
         }
         text
     }
@@ -108,6 +104,7 @@ mod tests {
         assert!(near(figure("roughness L1"), (0.0, 0.2)));
         assert!(figure("re-rendering L1").0 < figure("re-rendering L1").1);
         assert!(comparison.markdown().contains("| diffuse L1 | 0.1000 | 0.4000 | 0.250 |"));
+        assert!(comparison.markdown().contains("| spikes, share of pixels | 0.0000 | 0.0000 | – |"));
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use dataset::material::texture::Texture;
 use flow::align::metrics::{AlignmentMetrics, summarise};
 use serde::{Deserialize, Serialize};
-use svbrdf::metrics::{MapErrors, RenderErrors};
+use svbrdf::metrics::{MapErrors, RenderErrors, Spikes};
 
 use crate::synthetic::{Errors, MaterialResult};
 
@@ -91,6 +91,7 @@ fn alignment_figures(group: &[&MaterialResult]) -> Vec<(&'static str, f64)> {
 }
 
 fn map_figures(group: &[&MaterialResult]) -> Vec<(&'static str, f64)> {
+    let spikes = Spikes::mean(&group.iter().map(|r| r.automatic.spikes).collect::<Vec<_>>()).expect("a group isn't empty");
     let mean = |f: fn(&MaterialResult) -> &Errors| -> (MapErrors, RenderErrors) {
         let errors: Vec<&Errors> = group.iter().map(|r| f(r)).collect();
         let maps = MapErrors::mean(&errors.iter().map(|e| e.maps).collect::<Vec<_>>());
@@ -109,6 +110,12 @@ fn map_figures(group: &[&MaterialResult]) -> Vec<(&'static str, f64)> {
         ("specular_l1", automatic.0.specular_l1),
         ("roughness_l1", automatic.0.roughness_l1),
         ("render_l1", automatic.1.l1),
+        ("spike_share", spikes.share()),
+        ("spike_share_diffuse", spikes.diffuse),
+        ("spike_share_normal", spikes.normal),
+        ("spike_share_specular", spikes.specular),
+        ("spike_share_roughness", spikes.roughness),
+        ("spike_excess", spikes.excess),
         ("constant_diffuse_l1", constant.0.diffuse_l1),
         ("constant_normal_l1", constant.0.normal_l1),
         ("constant_specular_l1", constant.0.specular_l1),

@@ -20,7 +20,7 @@ use scan::nets::{ScanNets, key_frame};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use svbrdf::constants::ConstantMaps;
-use svbrdf::metrics::{MapErrors, RenderErrors};
+use svbrdf::metrics::{MapErrors, RenderErrors, Spikes};
 
 use crate::EvaluateError;
 use crate::adjacent::{AdjacentErrors, adjacent_errors};
@@ -109,13 +109,30 @@ pub(crate) fn spirals() -> SequenceConfig {
     videos
 }
 
-/// Map and re-rendering errors of one kind of maps.
+/// Errors of one kind of maps.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Errors {
     /// The maps.
     pub maps: MapErrors,
     /// Their renderings.
     pub render: RenderErrors,
+    /// Isolated high values in the maps.
+    pub spikes: Spikes,
+}
+
+impl Errors {
+    /// Compares maps of one size.
+    ///
+    /// # Panics
+    /// If the sizes differ.
+    pub(crate) fn between(maps: &SvbrdfImage, reference: &SvbrdfImage) -> Self {
+        let views = EvaluationViews::standard();
+        Self {
+            maps: MapErrors::between(maps, reference, None).expect("maps of one size"),
+            render: RenderErrors::between(maps, reference, &views, BrdfModel::default()).expect("maps of one size"),
+            spikes: Spikes::between(maps, reference).expect("maps of one size"),
+        }
+    }
 }
 
 /// Everything measured on one material.
@@ -206,7 +223,7 @@ impl<'a> TestScan<'a> {
         let indices: Vec<usize> = alignment.key_frames.iter().map(|k| k.index).collect();
         let exactly = self.maps_by_exact_warps(method, &indices)?;
         let constant = constants.to_image(self.config.map_resolution, self.config.map_resolution);
-        let errors = |maps: &SvbrdfImage| errors_between(maps, &reference);
+        let errors = |maps: &SvbrdfImage| Errors::between(maps, &reference);
         let dropped = alignment.key_frames.iter().filter(|k| !k.aligned()).count();
         Ok(MaterialResult {
             material: self.video.material().to_string(),
@@ -262,13 +279,5 @@ impl<'a> TestScan<'a> {
                 |k| if k.aligned() { k.aligned_frame(&self.frames[k.index], side, side).0 } else { Planes::new(3, side, side) },
             )
             .collect()
-    }
-}
-
-fn errors_between(maps: &SvbrdfImage, reference: &SvbrdfImage) -> Errors {
-    let model = BrdfModel::default();
-    Errors {
-        maps: MapErrors::between(maps, reference, None).expect("maps of one size"),
-        render: RenderErrors::between(maps, reference, &EvaluationViews::standard(), model).expect("maps of one size"),
     }
 }

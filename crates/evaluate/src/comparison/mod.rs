@@ -18,7 +18,7 @@ pub use plot::svg;
 const SIGNIFICANT: f64 = 0.05;
 
 /// Figures that can be compared, with their headings. Smaller is better except for rates.
-pub const FIGURES: [(&str, &str); 19] = [
+pub const FIGURES: [(&str, &str); 21] = [
     ("diffuse_l1", "Diffuse L1"),
     ("normal_l1", "Normal L1"),
     ("normal_deg", "Normal, degrees"),
@@ -30,6 +30,8 @@ pub const FIGURES: [(&str, &str); 19] = [
     ("dssim", "Re-rendering DSSIM"),
     ("render_l1_ratio", "Re-rendering / constant maps"),
     ("render_l1_ratio_exact_warps", "Re-rendering / constant maps, exact warps"),
+    ("spike_share", "Spikes, share of pixels"),
+    ("spike_excess", "Spikes, mean excess"),
     ("alignment_valid_rate", "Valid rate"),
     ("alignment_pixel_error", "Pixel error"),
     ("alignment_penalised_error", "Penalised error"),

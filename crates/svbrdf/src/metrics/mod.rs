@@ -2,8 +2,10 @@
 
 pub mod maps;
 pub mod rendering;
+pub mod spikes;
 pub mod ssim;
 
 pub use maps::MapErrors;
 pub use rendering::RenderErrors;
+pub use spikes::Spikes;
 pub use ssim::ssim;

@@ -11,7 +11,7 @@ const CLASSES: [(&str, &str); 4] =
 struct Figure(&'static str, &'static str, Option<f64>);
 
 /// In the order of the table; figures that aren't named here stand at its end.
-const FIGURES: [Figure; 36] = [
+const FIGURES: [Figure; 42] = [
     Figure("minutes", "whole run, compile time apart", Some(30.0)),
     Figure("peak_rss_mib", "most memory held, in MiB", Some(6144.0)),
     Figure("materials", "held-out materials that were scanned", None),
@@ -42,6 +42,12 @@ const FIGURES: [Figure; 36] = [
     Figure("normal_deg", "mean angle between normals, in degrees", None),
     Figure("render_l1", "mean error of the re-renderings", None),
     Figure("dssim", "structural dissimilarity of the re-renderings", None),
+    Figure("spike_share", "share of isolated high values that the truth lacks, mean of the four maps", None),
+    Figure("spike_share_diffuse", "the same in the diffuse albedo", None),
+    Figure("spike_share_specular", "the same in the specular albedo", None),
+    Figure("spike_share_roughness", "the same in the roughness", None),
+    Figure("spike_share_normal", "the same in the tilt of the normals", None),
+    Figure("spike_excess", "how far pixels stand out of their surroundings more than the truth does", None),
     Figure("constant_diffuse_l1", "diffuse error of constant maps", None),
     Figure("constant_specular_l1", "specular error of constant maps", None),
     Figure("constant_roughness_l1", "roughness error of constant maps", None),
