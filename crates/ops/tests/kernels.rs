@@ -1,46 +1,12 @@
 //! Every kernel equals its composed reference in value and gradient: odd sizes, one-pixel images, borders, batches.
 
-use burn::tensor::{Device, Tensor, TensorData};
+#[allow(dead_code, reason = "shared with `layouts`")]
+mod comparison;
+
+use burn::tensor::Tensor;
+use comparison::{assert_equal, device, value_and_gradients, value_and_weighted_gradients, wave};
 use ops::conv::{Conv3x3, Padding};
 use ops::planes::values;
-
-fn device() -> Device {
-    Device::flex().autodiff()
-}
-
-fn wave<const D: usize>(shape: [usize; D], phase: f32) -> Tensor<D> {
-    let count = shape.iter().product::<usize>();
-    let data: Vec<f32> = (0..count).map(|i| (((i * 7919) % 9973) as f32 * 0.31 + phase).sin()).collect();
-    Tensor::from_data(TensorData::new(data, shape), &device())
-}
-
-/// Value of `f` and the gradients of a weighted sum of it with respect to every input.
-fn value_and_gradients(inputs: &[Tensor<4>], f: impl Fn(&[Tensor<4>]) -> Tensor<4>) -> Vec<Vec<f32>> {
-    value_and_weighted_gradients(inputs, f, |size| wave(size, 3.0))
-}
-
-fn value_and_weighted_gradients(
-    inputs: &[Tensor<4>],
-    f: impl Fn(&[Tensor<4>]) -> Tensor<4>,
-    weights: impl Fn([usize; 4]) -> Tensor<4>,
-) -> Vec<Vec<f32>> {
-    let inputs: Vec<_> = inputs.iter().map(|t| t.clone().require_grad()).collect();
-    let out = f(&inputs);
-    let weights = weights(out.dims());
-    let gradients = (out.clone() * weights).sum().backward();
-    let mut all = vec![values(out.inner())];
-    all.extend(inputs.iter().map(|t| t.grad(&gradients).map(values).unwrap_or_default()));
-    all
-}
-
-fn assert_equal(name: &str, a: &[Vec<f32>], b: &[Vec<f32>]) {
-    for (part, (a, b)) in a.iter().zip(b).enumerate() {
-        assert_eq!(a.len(), b.len(), "{name}, part {part}");
-        let scale = b.iter().fold(1e-3f32, |m, v| m.max(v.abs()));
-        let worst = a.iter().zip(b).fold(0.0f32, |m, (x, y)| m.max((x - y).abs()));
-        assert!(worst <= 2e-5 * scale, "{name}, part {part}: differs by {worst}, largest value {scale}");
-    }
-}
 
 #[test]
 fn convolution_equals_its_reference() {
