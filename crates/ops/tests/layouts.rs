@@ -62,14 +62,14 @@ fn check(
             t.iter().zip(shapes).map(|(t, shape)| layout.view(t.clone(), *shape)).collect()
         };
         let turned = |t: Tensor<4>| t.permute([0, 2, 3, 1]);
+        // Hundreds of terms cancel in some of the sums; a misread layout is off by the values themselves.
         let found = value_and_gradients(&stored, |t| turned(fast(&seen(t))));
         let expected = value_and_gradients(&stored, |t| turned(plain(&seen(t))));
         assert!(expected.iter().all(|part| part.iter().any(|v| *v != 0.0)), "{name}: a part of the comparison is empty");
-        assert_equal(&format!("{name}, {layout:?}"), &found, &expected);
+        assert_near(&format!("{name}, {layout:?}"), &found, &expected, 2e-4);
         let sum = |out: Tensor<4>| out.sum().reshape([1, 1, 1, 1]);
         let found = value_and_gradients(&stored, |t| sum(fast(&seen(t))));
         let expected = value_and_gradients(&stored, |t| sum(plain(&seen(t))));
-        // Every filter's taps add up here, and cancel.
         assert_near(&format!("sum of {name}, {layout:?}"), &found[1..], &expected[1..], 2e-4);
     }
 }

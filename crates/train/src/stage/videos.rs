@@ -50,3 +50,33 @@ impl Videos {
         Ok((self.video(index)?, (index * 7 % PER_VIDEO) as usize))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dataset::material::library::{ProceduralConfig, SourceConfig};
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn consecutive_items_come_from_many_videos_and_each_guidance_frame_once() {
+        let source = ProceduralConfig { size: 64, count: 60, families: vec!["plaster".into()], ..ProceduralConfig::default() };
+        let materials = MaterialLibrary::open(&[SourceConfig::Procedural(source)], 1, 1 << 24).unwrap();
+        let videos = Videos {
+            materials: Arc::new(materials),
+            split: Split::Train,
+            config: SequenceConfig::svbrdf(),
+            streams: Stream::new(1),
+            mixed: 6,
+        };
+        let items: Vec<(String, usize)> = (0..120)
+            .map(|index| {
+                let (video, guidance) = videos.of_item(index).unwrap();
+                (format!("{} {:?}", video.material(), video.camera(0)), guidance)
+            })
+            .collect();
+        let shown = |items: &[(String, usize)]| items.iter().map(|(video, _)| video.clone()).collect::<BTreeSet<_>>().len();
+        assert_eq!((shown(&items), items.iter().collect::<BTreeSet<_>>().len()), (6, 120));
+        assert!(items.chunks(20).all(|some| shown(some) >= 4), "{items:?}");
+        assert!(items.iter().all(|(_, guidance)| *guidance < 20));
+    }
+}
