@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use ops::colour::{GAMMA, gamma_encode};
 use ops::planes::Planes;
 
+use crate::image_io::lens::Lens;
+
 use super::{CaptureConfig, CaptureError, Clip, ClipKind, Crop, MIN_SIDE};
 
 /// A frame whose mean encoded value lies below this shows nothing but sensor noise.
@@ -88,6 +90,8 @@ pub(super) struct Collector<'a> {
     seen: usize,
     black: Vec<usize>,
     pub notes: Vec<String>,
+    /// What the pictures' metadata say of the lens.
+    pub lens: Option<Lens>,
 }
 
 impl<'a> Collector<'a> {
@@ -104,6 +108,7 @@ impl<'a> Collector<'a> {
             seen: 0,
             black: Vec::new(),
             notes: Vec::new(),
+            lens: None,
         }
     }
 
@@ -190,7 +195,11 @@ impl<'a> Collector<'a> {
         if self.stride > 1 {
             self.notes.push(format!("{} frames in the source; every {}. is used", self.seen, self.stride));
         }
-        Ok(Clip { frames: self.frames, indices: self.indices, source: path, kind, fps, notes: self.notes })
+        let fov_deg = match (self.lens, self.source_size, &self.fit) {
+            (Some(lens), Some([width, height]), Some(fit)) => lens.fov_deg([width, height], fit.window[2]),
+            _ => None,
+        };
+        Ok(Clip { frames: self.frames, indices: self.indices, source: path, kind, fps, fov_deg, notes: self.notes })
     }
 }
 

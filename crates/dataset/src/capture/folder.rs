@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::CaptureError;
 use super::collect::Collector;
-use crate::image_io::Picture;
+use crate::image_io::{Picture, lens};
 
 const EXTENSIONS: &[&str] = &["png", "jpg", "jpeg", "exr"];
 
@@ -26,6 +26,8 @@ pub(super) fn read(folder: &Path, collector: &mut Collector) -> Result<(), Captu
         }
     }
     files.sort_by(|a, b| natural_order(&name(a), &name(b)));
+    // One camera took them all: the first picture speaks for it.
+    collector.lens = files.first().and_then(|file| lens::read(file));
     for file in files {
         let picture = Picture::read(&file)?;
         let pushed = collector.push(picture.width, picture.height, |fit| Ok(fit.planes(picture.to_frame())));

@@ -103,6 +103,8 @@ pub struct Clip {
     pub kind: ClipKind,
     /// Mean frame rate of the source, where it states one.
     pub fps: Option<f64>,
+    /// Field of view across a frame's width, in degrees, where the pictures' EXIF data tell the focal length.
+    pub fov_deg: Option<f64>,
     /// What the reader should know: dropped black frames, thinning, decoder complaints.
     pub notes: Vec<String>,
 }

@@ -5,6 +5,7 @@
 
 mod decode;
 mod error;
+pub mod lens;
 mod write;
 
 use std::path::Path;
