@@ -6,6 +6,7 @@ use ops::homography::Homography;
 use super::FlowEstimator;
 use super::compose::FlowField;
 use super::config::{AlignConfig, Regularise};
+use super::graph::Link;
 use super::planar::{RobustFit, fit, pairs_of_flow};
 use super::pose::fit_pose;
 use super::result::{Alignment, DropReason, KeyFrame, KeyFrameStatus, Seconds, Warning};
@@ -42,7 +43,10 @@ pub(super) fn align(scan: &Scan, flows: &[FlowField], distant: Option<&dyn FlowE
         (last, reached) = (start, index);
     }
     warnings.extend(dropped(&key_frames));
-    Alignment { key_frames, warnings, seconds: Seconds::default() }
+    let link =
+        |(i, k): (usize, &KeyFrame)| Link { target: 0, source: i + 1, homography: k.homography, error_px: k.residual_px };
+    let links = key_frames.iter().enumerate().map(link).filter(|l| l.error_px.is_finite()).collect();
+    Alignment { key_frames, warnings, links, guidance_filmed: scan.guidance_filmed(), seconds: Seconds::default() }
 }
 
 /// The warp of the camera pose that fits best, and whether there is one; where fewer than ten points are known, the warp as it is.

@@ -3,10 +3,11 @@
 //! All frames serve alignment, every k-th one is a key frame and serves reflectance. Neighbouring frames are linked by the
 //! most consistent of several guesses ([`candidates`], [`steps`]), key frames by the product of these steps and directly to
 //! the guidance image and to earlier key frames that show the same place ([`Aligner`]); all links together place the key
-//! frames ([`graph`]). Every link is refined on the pixels ([`photometric`]).
+//! frames ([`graph`]). Every link is refined on the pixels ([`photometric`]). One camera explains all links ([`camera`]).
 //!
 //! Nets take part through [`FlowEstimator`] and may be absent.
 
+pub mod camera;
 pub mod candidates;
 pub mod compose;
 pub mod config;

@@ -28,7 +28,7 @@ pub fn fit_pose(pairs: &[PointPair], target: Size, source: Size) -> Option<Homog
         return None;
     }
     let (from_plane, to_plane) = (intrinsics(source), intrinsics(target).try_inverse()?);
-    let warp = |pose: &Pose| Homography { matrix: from_plane * pose.matrix() * to_plane };
+    let warp = |pose: &Pose| Homography { matrix: from_plane * pose.matrix(&Vector3::z()) * to_plane };
     let start = direct_linear(pairs)?;
     let mut pose = Pose::nearest(&(from_plane.try_inverse()? * start.matrix * to_plane.try_inverse()?))?;
     let mut cost = squared_error(&warp(&pose), pairs)?;
@@ -62,19 +62,24 @@ fn intrinsics(size: Size) -> Matrix3<f64> {
 
 /// A rigid motion from the guidance camera to a source camera; lengths in depths of the plane.
 #[derive(Clone, Copy)]
-struct Pose {
-    rotation: Rotation3<f64>,
-    shift: Vector3<f64>,
+pub(super) struct Pose {
+    pub rotation: Rotation3<f64>,
+    pub shift: Vector3<f64>,
 }
 
 impl Pose {
-    /// R + t·e₃ᵀ.
-    fn matrix(&self) -> Matrix3<f64> {
-        self.rotation.matrix() + self.shift * Vector3::z().transpose()
+    /// R + t·νᵀ for the plane νᵀX = 1.
+    pub fn matrix(&self, plane: &Vector3<f64>) -> Matrix3<f64> {
+        self.rotation.matrix() + self.shift * plane.transpose()
     }
 
-    /// The pose whose matrix is nearest to a multiple of `matrix`: its first two columns are those of a rotation.
-    fn nearest(matrix: &Matrix3<f64>) -> Option<Self> {
+    /// No motion.
+    pub fn at_rest() -> Self {
+        Self { rotation: Rotation3::identity(), shift: Vector3::zeros() }
+    }
+
+    /// The pose whose matrix, with the plane Z = 1, is nearest to a multiple of `matrix`: its first two columns are those of a rotation.
+    pub fn nearest(matrix: &Matrix3<f64>) -> Option<Self> {
         let scale = 0.5 * (matrix.column(0).norm() + matrix.column(1).norm());
         let scale = if matrix[(2, 2)] < 0.0 { -scale } else { scale };
         if scale.abs() < 1e-9 {
@@ -88,7 +93,7 @@ impl Pose {
         shift.iter().all(|v| v.is_finite()).then_some(Self { rotation, shift })
     }
 
-    fn moved(&self, step: &Vector6) -> Self {
+    pub fn moved(&self, step: &Vector6) -> Self {
         let turn = Rotation3::from_scaled_axis(step.fixed_rows::<3>(0).into_owned());
         Self { rotation: turn * self.rotation, shift: self.shift + step.fixed_rows::<3>(3) }
     }
@@ -150,7 +155,7 @@ mod tests {
         let focal = 0.5 * SIZE.width as f64 / (0.5 * fov_deg.to_radians()).tan();
         let mut k = intrinsics(SIZE);
         (k[(0, 0)], k[(1, 1)]) = (focal, focal);
-        Homography::new(k * pose.matrix() * k.try_inverse().unwrap())
+        Homography::new(k * pose.matrix(&Vector3::z()) * k.try_inverse().unwrap())
     }
 
     #[test]
@@ -174,7 +179,8 @@ mod tests {
             let back = k.try_inverse().unwrap();
             let pose = Pose::nearest(&(back * found.matrix * k)).unwrap();
             let step = Vector6::from_fn(|r, _| if r == axis { by } else { 0.0 });
-            squared_error(&Homography { matrix: k * pose.moved(&step).matrix() * back }, &pairs(&truth, 0.0)).unwrap()
+            squared_error(&Homography { matrix: k * pose.moved(&step).matrix(&Vector3::z()) * back }, &pairs(&truth, 0.0))
+                .unwrap()
         };
         assert!((0..6).all(|k| beside(k, 1e-3) > best && beside(k, -1e-3) > best), "a least-squares minimum");
     }

@@ -8,7 +8,8 @@ use ops::planes::{Mask, Planes};
 use serde::{Deserialize, Serialize};
 
 use super::compose::FlowField;
-use super::size::Size;
+use super::graph::Link;
+use super::size::{Size, overlap};
 
 /// Input that can't be aligned at all.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
@@ -186,8 +187,25 @@ pub struct Alignment {
     pub key_frames: Vec<KeyFrame>,
     /// What the report must tell.
     pub warnings: Vec<Warning>,
+    /// The homographies that were measured between nodes (0 the guidance image, i + 1 key frame i), between full pixels.
+    pub(super) links: Vec<Link>,
+    /// Whether the guidance image is a frame of the scan.
+    pub(super) guidance_filmed: bool,
     /// Where the time went.
     pub seconds: Seconds,
+}
+
+impl Alignment {
+    /// The same alignment to another image: `view` maps its pixels, `size` in all, to those of the guidance image. What no key
+    /// frame shows of it lowers the valid shares. The camera is that of the old guidance image: ask for it before.
+    pub fn in_view(self, view: &Homography, size: Size) -> Self {
+        let seen = |k: KeyFrame| {
+            let homography = k.homography.after(view);
+            KeyFrame { valid_share: overlap(&homography, size, k.frame_size), homography, dense: None, ..k }
+        };
+        let key_frames = self.key_frames.into_iter().map(seen).collect();
+        Self { key_frames, links: Vec::new(), guidance_filmed: false, ..self }
+    }
 }
 
 /// Wall time of the parts of an alignment, in seconds.

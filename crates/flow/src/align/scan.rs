@@ -8,12 +8,13 @@ use super::compose::FlowField;
 use super::config::AlignConfig;
 use super::contrast::ContrastPyramid;
 use super::footage::{Footage, digest};
-use super::graph::Place;
+use super::graph::{Link, Place};
 use super::photometric::{Consistency, consistency};
 use super::result::{AlignError, Alignment, DropReason, KeyFrame, KeyFrameStatus, Seconds, Warning};
 use super::size::{Size, overlap, resized};
 use super::steady::{self, SteadyPattern};
 use super::steps::{NeighbourStep, neighbour_steps};
+use super::track::Placed;
 
 /// Deviation of the contrast-normalised image below which there is nothing to align by.
 const LEAST_TEXTURE: f64 = 0.1;
@@ -105,13 +106,27 @@ impl Scan {
     }
 
     /// The key frames at their places, with the warnings of all steps.
-    pub fn conclude(&self, places: &[Option<Place>], steps: &[NeighbourStep]) -> Alignment {
+    pub fn conclude(&self, Placed { places, links }: Placed, steps: &[NeighbourStep]) -> Alignment {
         let nodes = (1..self.sizes.len()).into_par_iter();
         let key_frames: Vec<KeyFrame> = nodes.map(|n| self.key_frame(n, &places[n])).collect();
         let replaced = steps.iter().enumerate().filter(|(_, s)| s.replaced);
         let mut warnings: Vec<Warning> = replaced.map(|(frame, _)| Warning::StepReplaced { frame }).collect();
         warnings.extend(dropped(&key_frames));
-        Alignment { key_frames, warnings, seconds: Seconds::default() }
+        let links = links.into_iter().map(|l| self.at_full_size(l)).collect();
+        Alignment { key_frames, warnings, links, guidance_filmed: self.guidance_filmed(), seconds: Seconds::default() }
+    }
+
+    /// Whether the guidance image is a frame of the scan.
+    pub fn guidance_filmed(&self) -> bool {
+        self.keys[0] > 0
+    }
+
+    /// A link between the nodes' full pixels.
+    fn at_full_size(&self, link: Link) -> Link {
+        let Link { target, source, homography, error_px } = link;
+        let sizes = |node: usize| (self.sizes[node], self.full[node]);
+        let larger = self.full[source].width as f64 / self.sizes[source].width as f64;
+        Link { homography: resized(&homography, sizes(target), sizes(source)), error_px: error_px * larger, ..link }
     }
 
     fn key_frame(&self, node: usize, place: &Option<Place>) -> KeyFrame {

@@ -52,7 +52,9 @@ impl Aligner<'_> {
         let scan = Scan::new(footage, &first, guidance, &self.config)?;
         let mut seconds = Seconds { reading: clock.lap(), ..Seconds::default() };
         if scan.keys.is_empty() {
-            return Ok(Alignment { key_frames: Vec::new(), warnings: vec![Warning::NoKeyFrames], seconds });
+            let warnings = vec![Warning::NoKeyFrames];
+            let links = Vec::new();
+            return Ok(Alignment { key_frames: Vec::new(), warnings, links, guidance_filmed: guidance.is_none(), seconds });
         }
         let flows = self.adjacent.map(|net| neighbour_flows(net, &scan.small));
         seconds.flows = clock.lap();
@@ -61,8 +63,8 @@ impl Aligner<'_> {
             (_, flows) => {
                 let steps = scan.neighbour_steps(flows.as_deref(), &self.config);
                 seconds.steps = clock.lap();
-                let places = Tracker { scan: &scan, aligner: self, steps: &steps, flows: flows.as_deref() }.place();
-                scan.conclude(&places, &steps)
+                let placed = Tracker { scan: &scan, aligner: self, steps: &steps, flows: flows.as_deref() }.place();
+                scan.conclude(placed, &steps)
             }
         };
         seconds.placing = clock.lap();

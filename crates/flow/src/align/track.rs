@@ -36,9 +36,17 @@ pub(super) struct Tracker<'a> {
     pub flows: Option<&'a [FlowField]>,
 }
 
-impl Tracker<'_> {
+/// Where the nodes are, and what says so.
+pub(super) struct Placed {
     /// The place of every node, `None` where no link reaches it.
-    pub fn place(&self) -> Vec<Option<Place>> {
+    pub places: Vec<Option<Place>>,
+    /// The links between them.
+    pub links: Vec<Link>,
+}
+
+impl Tracker<'_> {
+    /// The place of every node.
+    pub fn place(&self) -> Placed {
         let nodes = self.scan.sizes.len();
         let mut running = vec![Place { homography: Homography::identity(), error_px: 0.0 }];
         let mut links: Vec<Link> = Vec::new();
@@ -59,7 +67,7 @@ impl Tracker<'_> {
         if self.config().adjust {
             adjust(&mut places, &links, &self.scan.sizes);
         }
-        places
+        Placed { places, links }
     }
 
     fn config(&self) -> &AlignConfig {
@@ -88,7 +96,7 @@ impl Tracker<'_> {
 
     /// The steps from one node to another; `None` where the first is a guidance image that isn't a frame of the scan.
     fn span(&self, before: usize, node: usize) -> Option<std::ops::Range<usize>> {
-        let guidance_is_frame = self.scan.keys[0] > 0;
+        let guidance_is_frame = self.scan.guidance_filmed();
         match before {
             0 if guidance_is_frame => Some(0..self.scan.keys[node - 1]),
             0 => None,
