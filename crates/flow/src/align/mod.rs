@@ -15,6 +15,7 @@ pub mod contrast;
 mod dense;
 mod footage;
 pub mod graph;
+pub mod localise;
 pub mod metrics;
 pub mod phase;
 pub mod photometric;

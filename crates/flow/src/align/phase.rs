@@ -14,12 +14,46 @@ const PEAK_RADIUS: i64 = 3;
 /// speak as loud as texture.
 const SOFTENING: f32 = 0.1;
 
-/// The transforms of one image size, shared between threads.
+/// The Fourier transforms of one image size, shared between threads.
+#[derive(Clone)]
+pub(super) struct Transform {
+    pub size: Size,
+    /// Rows, columns; forward, then inverse.
+    plans: [[Arc<dyn Fft<f32>>; 2]; 2],
+}
+
+impl Transform {
+    pub fn new(size: Size) -> Self {
+        let mut planner = FftPlanner::new();
+        let forward = [planner.plan_fft_forward(size.width), planner.plan_fft_forward(size.height)];
+        let inverse = [planner.plan_fft_inverse(size.width), planner.plan_fft_inverse(size.height)];
+        Self { size, plans: [forward, inverse] }
+    }
+
+    pub fn forward(&self, values: &mut Vec<Complex32>) {
+        self.apply(values, 0);
+    }
+
+    /// Not divided by the number of values.
+    pub fn inverse(&self, values: &mut Vec<Complex32>) {
+        self.apply(values, 1);
+    }
+
+    /// In place: rows, transpose, rows, transpose.
+    fn apply(&self, values: &mut Vec<Complex32>, direction: usize) {
+        let [rows, columns] = &self.plans[direction];
+        rows.process(values);
+        let mut turned = transpose(values, self.size.height, self.size.width);
+        columns.process(&mut turned);
+        *values = transpose(&turned, self.size.width, self.size.height);
+    }
+}
+
+/// Finds shifts between images of up to one size; shared between threads.
 #[derive(Clone)]
 pub struct Correlator {
     size: Size,
-    /// Rows, columns; forward, then inverse.
-    plans: [[Arc<dyn Fft<f32>>; 2]; 2],
+    transform: Transform,
 }
 
 /// The windowed spectrum of an image.
@@ -31,10 +65,7 @@ pub struct Spectrum {
 impl Correlator {
     /// Prepares transforms of a size that holds every image to be compared.
     pub fn new(size: Size) -> Self {
-        let mut planner = FftPlanner::new();
-        let forward = [planner.plan_fft_forward(size.width), planner.plan_fft_forward(size.height)];
-        let inverse = [planner.plan_fft_inverse(size.width), planner.plan_fft_inverse(size.height)];
-        Self { size, plans: [forward, inverse] }
+        Self { size, transform: Transform::new(size) }
     }
 
     /// The spectrum of an image's first plane under a Hann window, padded with zeros.
@@ -50,7 +81,7 @@ impl Correlator {
                 values[y * self.size.width + x] = Complex32::new(known(image.at(0, y, x)) * rows[y] * columns[x], 0.0);
             }
         }
-        self.transform(&mut values, 0);
+        self.transform.forward(&mut values);
         Spectrum { values }
     }
 
@@ -62,18 +93,9 @@ impl Correlator {
             return Vec::new();
         }
         cross.iter_mut().for_each(|c| *c /= c.norm() + SOFTENING * mean);
-        self.transform(&mut cross, 1);
+        self.transform.inverse(&mut cross);
         let surface: Vec<f32> = cross.iter().map(|c| c.re).collect();
         peaks(&surface, self.size, count)
-    }
-
-    /// In-place two-dimensional transform: rows, transpose, rows, transpose.
-    fn transform(&self, values: &mut Vec<Complex32>, direction: usize) {
-        let [rows, columns] = &self.plans[direction];
-        rows.process(values);
-        let mut turned = transpose(values, self.size.height, self.size.width);
-        columns.process(&mut turned);
-        *values = transpose(&turned, self.size.width, self.size.height);
     }
 }
 

@@ -1,0 +1,95 @@
+use nalgebra::Matrix3;
+
+use super::*;
+use crate::align::candidates::largest_shift;
+use crate::align::scene::{Scene, between, view};
+
+const FRAME: Size = Size { height: 128, width: 128 };
+const LARGE: Size = Size { height: 360, width: 400 };
+
+/// The scene from above, with `scale` of the frame's pixels per pixel, lit from the side and brighter.
+fn photo(scene: &Scene, scale: f64) -> Planes {
+    let full = scene.frame(&Homography::identity(), LARGE);
+    let mut photo = full.resize_area((LARGE.height as f64 / scale) as usize, (LARGE.width as f64 / scale) as usize);
+    let width = photo.width;
+    for plane in photo.data.chunks_mut(width) {
+        plane
+            .iter_mut()
+            .enumerate()
+            .for_each(|(x, v)| *v = (*v * (0.5 + 0.6 * x as f32 / width as f32) + 0.08).clamp(0.0, 1.0));
+    }
+    photo
+}
+
+fn lit() -> Scene {
+    Scene { highlight: 0.3, noise: 0.01, ..Scene::new(17) }
+}
+
+/// Looks for densities around `scale` only: the whole bank takes seconds.
+fn locate(guidance: &Planes, frame: &Planes, scale: f64) -> Result<Located, NotLocated> {
+    let config = LocaliseConfig { scale: [scale / 1.2, scale * 1.2], ..LocaliseConfig::default() };
+    localise(guidance, frame, &config, &PhotometricConfig::default())
+}
+
+#[test]
+fn a_frame_is_found_at_any_density_and_rotation() {
+    for (scale, roll, x, y) in [(1.0, 0.1, 280.0, 130.0), (1.7, -1.4, 200.0, 240.0), (2.4, 2.9, 260.0, 190.0)] {
+        let at = view(FRAME, x, y, roll, 1.0, 0.004);
+        let (photo, frame) = (photo(&lit(), scale), lit().frame(&at, FRAME));
+        let found = locate(&photo, &frame, scale).unwrap();
+        let to_photo = LARGE.resize_matrix(Size::of(&photo));
+        let truth = Homography::new((to_photo * at.matrix).try_inverse().unwrap());
+        // In pixels of the frame, over the part of the photo that shows it.
+        let error = largest_shift(&found.homography.after(&truth.inverse().unwrap()), &Homography::identity(), FRAME);
+        assert!(error < 1.0 + scale, "{scale}, {roll}: {error} px, {found:?}");
+        assert!((found.scale / scale - 1.0).abs() < 0.03 && found.runner_up < 0.8 && found.expected_px < 3.0, "{found:?}");
+    }
+}
+
+#[test]
+fn a_photo_of_something_else_is_refused() {
+    for seed in 0..3 {
+        let frame = lit().frame(&view(FRAME, 200.0, 180.0, 0.0, 1.0, 0.0), FRAME);
+        let other = photo(&Scene::new(40 + seed), 2.0);
+        let refused = locate(&other, &frame, 2.0).unwrap_err();
+        assert!(matches!(refused, NotLocated::NotFound { .. }) && refused.to_string().contains("not found"), "{refused:?}");
+    }
+}
+
+#[test]
+fn a_pattern_that_repeats_is_refused() {
+    let tile = lit().frame(&Homography::identity(), Size { height: 96, width: 96 });
+    let mut photo = Planes::new(3, 288, 384);
+    for (i, v) in photo.data.iter_mut().enumerate() {
+        let (c, y, x) = (i / (288 * 384), i / 384 % 288, i % 384);
+        *v = tile.at(c, y % 96, x % 96);
+    }
+    let frame = photo.crop(70, 50, 128, 128);
+    let refused = locate(&photo, &frame, 1.0).unwrap_err();
+    assert!(matches!(refused, NotLocated::Ambiguous { .. }) && refused.to_string().contains("repeats"), "{refused:?}");
+}
+
+#[test]
+fn nothing_to_see_and_impossible_sizes_are_named() {
+    let frame = lit().frame(&view(FRAME, 200.0, 180.0, 0.0, 1.0, 0.0), FRAME);
+    let even = Planes::constant(300, 300, &[0.5; 3]);
+    assert_eq!(locate(&even, &frame, 1.0).unwrap_err(), NotLocated::NoTexture { image: "the guidance photo" });
+    let photo = photo(&lit(), 1.0);
+    assert_eq!(locate(&photo, &even, 1.0).unwrap_err(), NotLocated::NoTexture { image: "the first frame" });
+    let tiny = photo.resize_area(20, 20);
+    assert!(matches!(locate(&tiny, &frame, 1.0).unwrap_err(), NotLocated::Sizes { .. }));
+}
+
+#[test]
+fn a_box_drawn_by_hand_is_refined_or_refused() {
+    let at = view(FRAME, 240.0, 180.0, 0.0, 1.0, 0.0);
+    let (photo, frame) = (photo(&lit(), 2.0), lit().frame(&at, FRAME));
+    let near = |y: f64, x: f64| localise_near(&photo, &frame, [y, y + 64.0, x, x + 64.0], &PhotometricConfig::default());
+    // The frame's outermost pixel centres are 63.5 pixels from its middle, and the photo's pixels are two wide.
+    let found = near((180.0 - 63.5) / 2.0 + 2.0, (240.0 - 63.5) / 2.0 - 1.5).unwrap();
+    let truth = between(&Homography::new(Matrix3::new(2.0, 0.0, 0.5, 0.0, 2.0, 0.5, 0.0, 0.0, 1.0)), &at);
+    let middle = (120.0, 90.0);
+    let (a, b) = (found.homography.apply(middle.0, middle.1).unwrap(), truth.apply(middle.0, middle.1).unwrap());
+    assert!((a.0 - b.0).hypot(a.1 - b.1) < 1.5, "{a:?} {b:?}");
+    assert!(matches!(near(10.0, 20.0), Err(NotLocated::NotFound { .. })));
+}
