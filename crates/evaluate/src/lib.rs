@@ -1,14 +1,15 @@
 //! Floor 4: how good a method is, measured on materials it never saw (paper §8; spec 6).
 //!
 //! A *protocol* makes test scans, runs the method and its baselines on identical frames and fills a table. [`synthetic`] is the
-//! protocol that every training run ends with, [`alignment`] measures the alignment alone, under many conditions, [`compare`]
-//! measures one scan on disk; [`table`] writes tables as JSON, CSV and Markdown, [`sheet`] draws contact sheets, [`plot`] curves.
+//! protocol that every training run ends with, [`alignment`] measures the alignment alone, under many conditions,
+//! [`localisation`] how frame 0 is found in a guidance photo, [`compare`] measures one scan on disk; [`table`] writes tables as JSON, CSV and Markdown, [`sheet`] draws contact sheets, [`plot`] curves.
 
 pub mod adjacent;
 pub mod alignment;
 pub mod baseline;
 pub mod compare;
 pub mod comparison;
+pub mod localisation;
 pub mod materials;
 pub mod output;
 pub mod plot;

@@ -14,6 +14,7 @@ use evaluate::alignment::conditions;
 use evaluate::alignment::store::{Common, Store};
 use evaluate::alignment::{self, AlignmentConfig};
 use evaluate::compare::ScannedMaps;
+use evaluate::localisation::{self, LocalisationConfig};
 use evaluate::synthetic::{self, SyntheticConfig};
 use flow::weights::FlowNets;
 use scan::nets::ScanNets;
@@ -39,6 +40,9 @@ enum Protocol {
     /// Scans of held-out materials under many conditions (frame rate, path, light, roll, sensor) and with single parts of the
     /// aligner off, against exact warps. Goes on where it was stopped. Writes summary.json, table.csv and table.md.
     Alignment(Alignment),
+    /// Frame 0 of scans of held-out materials, looked for in photos of a larger area at other scales and under other light, and
+    /// in photos of something else. Writes cases.json and table.md.
+    Localisation(Localisation),
     /// The maps of one scan against the truth, beside constant maps. Prints a table.
     Maps {
         /// Folder that `scan` wrote.
@@ -111,6 +115,25 @@ struct Alignment {
     dry_run: bool,
 }
 
+#[derive(clap::Args)]
+struct Localisation {
+    /// Folder of PBR material folders, or `procedural`.
+    #[arg(long, default_value = "procedural")]
+    materials: String,
+    /// Folder for the results; it is made if it doesn't exist.
+    #[arg(long)]
+    out: PathBuf,
+    /// Replace results that are there already.
+    #[arg(long)]
+    force: bool,
+    /// A setting of the protocol, e.g. `--set cases=10 --set 'scales=[1, 4]'`.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    settings: Vec<String>,
+    /// Print the resolved settings and stop.
+    #[arg(long)]
+    dry_run: bool,
+}
+
 fn main() -> ExitCode {
     ops::process::keep_memory();
     let arguments = Arguments::parse();
@@ -141,6 +164,7 @@ fn run(Arguments { protocol }: Arguments) -> Result<(), Failure> {
     match protocol {
         Protocol::Synthetic(arguments) => synthetic_protocol(arguments),
         Protocol::Alignment(arguments) => alignment_protocol(arguments),
+        Protocol::Localisation(arguments) => localisation_protocol(arguments),
         Protocol::Maps { maps, truth, materials } => compare(&maps, &truth, &materials),
     }
 }
@@ -231,6 +255,35 @@ fn alignment_protocol(arguments: Alignment) -> Result<(), Failure> {
         alignment::export::frames(&library, &config, &conditions, out).context("writing the frames")?;
     }
     println!("{}", std::fs::read_to_string(out.join("table.md")).context("reading the table back")?);
+    Ok(())
+}
+
+fn localisation_protocol(arguments: Localisation) -> Result<(), Failure> {
+    let Localisation { materials, out, force, settings, dry_run } = arguments;
+    let config: LocalisationConfig = overlay(&LocalisationConfig::default(), &settings)?;
+    config.validate().map_err(|e| Failure::Usage(e.into()))?;
+    if dry_run {
+        print!("{}", toml::to_string(&config).context("printing the settings")?);
+        return Ok(());
+    }
+    if !force && out.join("cases.json").exists() {
+        let error = anyhow::anyhow!("{} holds results already: give another --out, or --force to replace them", out.display());
+        return Err(Failure::Usage(error));
+    }
+    let library = MaterialLibrary::open(&[source(&materials)?], config.seed, CACHE_BYTES).context("opening the materials")?;
+    std::fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
+    let cases = localisation::run(&library, &config, |c| {
+        let error = c.error_px.map_or_else(|| "–".into(), |e| format!("{e:.1} px"));
+        let photo = if c.foreign { "photo of something else" } else { "own photo" };
+        let (outcome, light) = (format!("{:?}", c.outcome).to_lowercase(), format!("{:?}", c.light).to_lowercase());
+        println!(
+            "{:04} {}, {photo}, scale {}, {light}: {outcome}, {error}, {:.1} s: {}",
+            c.scan, c.material, c.scale, c.seconds, c.answer
+        );
+    })
+    .context("running the protocol")?;
+    localisation::write(&cases, &out, Overwrite::Allow).context("writing the results")?;
+    println!("{}", localisation::markdown(&cases));
     Ok(())
 }
 

@@ -1,15 +1,17 @@
 //! `scan`: a clip of a flat material in, maps out.
 
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::Context;
 use burn::tensor::Device;
 use clap::Parser;
-use dataset::capture::{self, CaptureConfig};
+use dataset::capture::{self, CaptureConfig, Crop};
 use indicatif::ProgressBar;
+use ops::planes::Planes;
+use scan::guidance::GuidancePhoto;
 use scan::nets::ScanNets;
 use scan::output::{Staging, check};
 use scan::reconstruct::{ReconstructError, ScanConfig, reconstruct};
@@ -36,6 +38,12 @@ struct Arguments {
     /// Key frames that reflectance is gathered from, the first frame among them.
     #[arg(long)]
     key_frames: Option<usize>,
+    /// A photo of a larger area, in any light, in whose axes the maps shall be; frame 0 is looked for in it.
+    #[arg(long, value_name = "PHOTO")]
+    guidance: Option<PathBuf>,
+    /// Where frame 0 lies in the guidance photo, where it isn't to be looked for: rows and columns of the photo.
+    #[arg(long, value_name = "Y0,Y1,X0,X1", requires = "guidance")]
+    start: Option<String>,
     /// Any other setting, e.g. `--set align.photometric.enabled=false`.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     settings: Vec<String>,
@@ -95,16 +103,32 @@ fn run(arguments: Arguments) -> Result<Vec<String>, Failure> {
     let clip = capture::read(&arguments.clip, &capture).context("reading the clip")?;
     clip.notes.iter().for_each(|note| say(&bar, &format!("note: {note}")));
 
+    let guidance = arguments.guidance.as_deref().map(|path| read_guidance(path, arguments.start.as_deref())).transpose()?;
+
     bar.set_message(format!("aligning {} frames and reconstructing", clip.frames.len()));
-    let result = reconstruct(&clip.frames, &nets, &config).map_err(|error| match error {
-        ReconstructError::NothingAligned { .. } | ReconstructError::Align(_) => Failure::Alignment(error.into()),
+    let result = reconstruct(&clip.frames, clip.fov_deg, guidance.as_ref(), &nets, &config).map_err(|error| match error {
+        ReconstructError::NothingAligned { .. } | ReconstructError::Align(_) | ReconstructError::Guidance(_) => {
+            Failure::Alignment(error.into())
+        }
         other => Failure::Failed(other.into()),
     })?;
+    if let Some(view) = &result.view {
+        let found = &view.located;
+        let (x, y) = view.to_photo.apply(0.0, 0.0).unwrap_or_default();
+        say(
+            &bar,
+            &format!(
+                "note: found in the guidance photo: its pixels are {:.2} video pixels wide; the maps begin at row {y:.0}, column {x:.0} of it",
+                found.scale
+            ),
+        );
+    }
     result.alignment.warnings.iter().for_each(|warning| say(&bar, &format!("note: {warning}")));
 
     bar.set_message(format!("writing {}", arguments.out.display()));
     let staging = Staging::new(&arguments.out).context("making the output folder")?;
-    scan::report::write(staging.folder(), &clip.frames, &clip.indices, &result).context("writing the report")?;
+    scan::report::write(staging.folder(), (&clip.frames, &clip.indices), &result, &config.camera)
+        .context("writing the report")?;
     let source = clip.source.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
     scan::export::maps::write(staging.folder(), &source, &result).context("writing the maps")?;
     staging.finish().context("finishing the output folder")?;
@@ -132,6 +156,28 @@ fn configure(arguments: &Arguments) -> anyhow::Result<ScanConfig> {
     config.key_frames = arguments.key_frames.unwrap_or(config.key_frames);
     config.validate()?;
     Ok(config)
+}
+
+fn read_guidance(path: &Path, start: Option<&str>) -> Result<GuidancePhoto, Failure> {
+    let whole = CaptureConfig { crop: Crop::None, ..CaptureConfig::default() };
+    let photo = capture::read_photo(path, &whole).context("reading the guidance photo")?;
+    let start = start.map(|text| parse_start(text, &photo)).transpose().map_err(Failure::Usage)?;
+    Ok(GuidancePhoto { photo, start })
+}
+
+/// `y0,y1,x0,x1` within the photo.
+fn parse_start(text: &str, photo: &Planes) -> anyhow::Result<[f64; 4]> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|v| v.trim().parse::<f64>()).collect();
+    let (height, width) = (photo.height as f64, photo.width as f64);
+    match numbers.as_deref() {
+        Ok(&[y0, y1, x0, x1]) if 0.0 <= y0 && y0 + 8.0 <= y1 && y1 <= height && 0.0 <= x0 && x0 + 8.0 <= x1 && x1 <= width => {
+            Ok([y0, y1, x0, x1])
+        }
+        _ => anyhow::bail!(
+            "--start {text}: expected Y0,Y1,X0,X1, two rows and two columns of the photo ({width}×{height}) at least 8 pixels apart, \
+             e.g. --start 400,700,850,1150"
+        ),
+    }
 }
 
 fn spinner() -> ProgressBar {

@@ -4,12 +4,15 @@ use std::path::Path;
 
 use dataset::image_io::{ImageError, Overwrite, write_bytes, write_png8};
 use flow::align::KeyFrame;
+use ops::homography::Homography;
 use ops::planes::Planes;
 use render::brdf::BrdfModel;
 use render::visual::{below, beside};
 use serde::Serialize;
 
-use crate::reconstruct::Reconstruction;
+use crate::camera_json::CameraJson;
+use crate::guidance::View;
+use crate::reconstruct::{CameraConfig, Reconstruction};
 
 /// A capture with fewer aligned key frames than this share is called poor.
 const POOR_ALIGNED_SHARE: f64 = 0.5;
@@ -23,8 +26,42 @@ const COLUMNS: usize = 6;
 struct AlignmentJson {
     format: u32,
     conventions: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    guidance_photo: Option<GuidanceJson>,
+    camera: CameraJson,
     key_frames: Vec<KeyFrameJson>,
     warnings: Vec<String>,
+}
+
+/// Where frame 0 was found in the guidance photo.
+#[derive(Serialize)]
+struct GuidanceJson {
+    /// Pixel of the maps to pixel of the photo.
+    maps_to_photo: [[f64; 3]; 3],
+    /// Pixel of the photo to pixel of frame 0.
+    photo_to_frame_0: [[f64; 3]; 3],
+    video_pixels_per_photo_pixel: f64,
+    correlation: f64,
+    significance: f64,
+    expected_error_px: Option<f64>,
+}
+
+impl GuidanceJson {
+    fn new(view: &View) -> Self {
+        let found = &view.located;
+        Self {
+            maps_to_photo: rows(&view.to_photo),
+            photo_to_frame_0: rows(&found.homography),
+            video_pixels_per_photo_pixel: found.scale,
+            correlation: found.zncc,
+            significance: found.significance,
+            expected_error_px: found.expected_px.is_finite().then_some(found.expected_px),
+        }
+    }
+}
+
+fn rows(homography: &Homography) -> [[f64; 3]; 3] {
+    std::array::from_fn(|r| std::array::from_fn(|c| homography.matrix[(r, c)]))
 }
 
 #[derive(Serialize)]
@@ -40,7 +77,6 @@ struct KeyFrameJson {
 
 impl KeyFrameJson {
     fn new(key: &KeyFrame, index: usize) -> Self {
-        let m = &key.homography.matrix;
         let reason = match key.status {
             flow::align::KeyFrameStatus::Aligned => None,
             flow::align::KeyFrameStatus::Dropped(reason) => Some(reason.to_string()),
@@ -49,7 +85,7 @@ impl KeyFrameJson {
             index,
             status: if key.aligned() { "aligned" } else { "dropped" },
             reason,
-            homography: std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)])),
+            homography: rows(&key.homography),
             residual_px: key.residual_px.is_finite().then_some(key.residual_px),
             valid_share: key.valid_share,
             confidence: key.confidence,
@@ -78,12 +114,19 @@ pub fn shortcomings(result: &Reconstruction) -> Vec<String> {
 ///
 /// # Errors
 /// If a file can't be written.
-pub fn write(folder: &Path, frames: &[Planes], indices: &[usize], result: &Reconstruction) -> Result<(), ImageError> {
+pub fn write(
+    folder: &Path,
+    (frames, indices): (&[Planes], &[usize]),
+    result: &Reconstruction,
+    camera: &CameraConfig,
+) -> Result<(), ImageError> {
     let alignment = &result.alignment;
     let keys = alignment.key_frames.iter().map(|k| KeyFrameJson::new(k, indices[k.index]));
     let json = AlignmentJson {
         format: 1,
-        conventions: "homography: guidance pixel (frame 0) to frame pixel at the maps' resolution, pixel centres at integers, x right, y down",
+        conventions: "homography: pixel of the maps to frame pixel, pixel centres at integers, x right, y down; the maps have the axes of frame 0, or of the guidance photo where there is one",
+        guidance_photo: result.view.as_ref().map(GuidanceJson::new),
+        camera: CameraJson::new(&result.camera, indices, camera.width_mm),
         key_frames: keys.collect(),
         warnings: alignment.warnings.iter().map(ToString::to_string).collect(),
     };
@@ -91,8 +134,9 @@ pub fn write(folder: &Path, frames: &[Planes], indices: &[usize], result: &Recon
     write_bytes(&folder.join("alignment.json"), text.as_bytes(), Overwrite::Refuse)?;
     let keyframes = folder.join("keyframes");
     std::fs::create_dir_all(&keyframes).map_err(|source| ImageError::Write { path: keyframes.clone(), source })?;
-    let (height, width) = (frames[0].height, frames[0].width);
-    let mut thumbnails = vec![frames[0].resize_area(SIDE, SIDE)];
+    let guidance = result.view.as_ref().map_or(&frames[0], |v| &v.picture);
+    let (height, width) = (guidance.height, guidance.width);
+    let mut thumbnails = vec![guidance.resize_area(SIDE, SIDE)];
     for key in alignment.key_frames.iter().filter(|k| k.aligned()) {
         let (warped, _) = key.aligned_frame(&frames[key.index], height, width);
         write_png8(&keyframes.join(format!("frame-{:05}.png", indices[key.index])), &warped, Overwrite::Refuse)?;

@@ -15,6 +15,7 @@ use crate::EvaluateError;
 use crate::report::Figures;
 
 use super::AlignmentConfig;
+use super::camera;
 use super::conditions::Condition;
 
 /// An accepted scan or key frame with a larger mean error, in pixels at a width of 1024, is wrong.
@@ -37,7 +38,7 @@ pub struct Case {
     pub texture: Texture,
     /// The figures of spec 6.1 by name, with `refused`, `wrong` (accepted, but more than 10 px off on average) and
     /// `wrong_frames` (share of the accepted key frames of which that holds). Those that don't exist, such as the error of a
-    /// scan without any accepted key frame, are absent.
+    /// scan without any accepted key frame, are absent. Those of the camera are explained in [`camera`].
     pub figures: Figures,
     /// What the aligner says of every key frame, and the truth.
     pub key_frames: Vec<KeyFrameRecord>,
@@ -102,7 +103,7 @@ impl Case {
             sequence: index,
             material: sequence.material().into(),
             texture: sequence.texture(),
-            figures: figures(&alignment, &errors),
+            figures: figures(&alignment, &errors).into_iter().chain(camera::figures(&alignment, sequence)).collect(),
             key_frames: records(&alignment, &errors, REFERENCE_WIDTH / config.resolution as f64),
             seconds: alignment.seconds,
         })

@@ -5,6 +5,7 @@
 //! on where it was, and more conditions or scans can be added later. Frames are rendered while they are read: memory doesn't
 //! grow with the resolution of the frames, and hardly with their number.
 
+pub mod camera;
 pub mod case;
 pub mod conditions;
 pub mod export;

@@ -10,7 +10,7 @@ use crate::EvaluateError;
 use super::summary::Row;
 
 /// Columns of the Markdown table: figure, heading, digits, whether with its interval.
-const COLUMNS: [(&str, &str, usize, bool); 11] = [
+const COLUMNS: [(&str, &str, usize, bool); 14] = [
     ("valid_rate", "valid rate", 3, false),
     ("pixel_error", "pixel error", 2, true),
     ("pixel_error_median", "median", 2, false),
@@ -21,6 +21,9 @@ const COLUMNS: [(&str, &str, usize, bool); 11] = [
     ("wrong_frames", "… key frames", 3, false),
     ("refused", "refused", 3, false),
     ("spearman_expected", "Spearman", 2, false),
+    ("focal_error", "focal error", 3, false),
+    ("height_error", "height error", 3, false),
+    ("focal_unknown", "focal not observable", 2, false),
     ("seconds", "seconds", 1, false),
 ];
 
