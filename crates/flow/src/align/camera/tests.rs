@@ -24,7 +24,7 @@ impl World {
         Self { rotation: Rotation3::from_euler_angles(about_x, about_y, about_z) * down, centre: centre.into() }
     }
 
-    fn from_world(&self, focal_px: f64, size: Size) -> Matrix3<f64> {
+    fn world_to_pixel(&self, focal_px: f64, size: Size) -> Matrix3<f64> {
         let (cx, cy) = (0.5 * (size.width as f64 - 1.0), 0.5 * (size.height as f64 - 1.0));
         let k = Matrix3::new(focal_px, 0.0, cx, 0.0, focal_px, cy, 0.0, 0.0, 1.0);
         let r = self.rotation.matrix();
@@ -52,7 +52,7 @@ fn cameras(count: usize, tilt: f64, first: [f64; 2], seed: u64) -> Vec<World> {
 /// The alignment of cameras whose links are off by Gaussian noise of `noise_px` at the positions compared.
 fn alignment(cameras: &[World], focal_px: f64, size: Size, noise_px: f64, seed: u64) -> Alignment {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let views: Vec<Matrix3<f64>> = cameras.iter().map(|c| c.from_world(focal_px, size)).collect();
+    let views: Vec<Matrix3<f64>> = cameras.iter().map(|c| c.world_to_pixel(focal_px, size)).collect();
     let between = |a: usize, b: usize| Homography::new(views[b] * views[a].try_inverse().unwrap());
     let mut measured = |a: usize, b: usize| {
         let exact = between(a, b);
