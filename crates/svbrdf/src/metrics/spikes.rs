@@ -209,7 +209,7 @@ mod tests {
 
     #[test]
     fn a_turned_image_has_the_same_spikes() {
-        let spots = |y: usize, x: usize| if (y * 7 + x * 5) % 41 == 0 { 0.5 + (y + x) as f32 / 96.0 } else { 0.5 };
+        let spots = |y: usize, x: usize| if (y * 7 + x * 5).is_multiple_of(41) { 0.5 + (y + x) as f32 / 96.0 } else { 0.5 };
         let (found, turned) = (of(&rough(spots)), of(&rough(|y, x| spots(x, SIDE - 1 - y))));
         assert!(found.roughness > 0.0);
         assert_eq!(found.roughness, turned.roughness);
