@@ -1,8 +1,8 @@
 //! Where the first frame of a scan lies in a guidance photo of another scale and light (paper §7, where it is set by hand).
 //!
 //! A disc of the frame is correlated with the photo at every density and rotation of a bank, both contrast-normalised and so
-//! small that the frame measures a few dozen pixels ([`search`]). The strongest peaks are refined on the pixels and compared
-//! ([`verify`]): a place counts only if the images support it far beyond chance and no other place nearly as much.
+//! small that the frame measures a few dozen pixels (`search`). The strongest peaks are refined on the pixels and compared
+//! (`verify`): a place counts only if the images support it far beyond chance and no other place nearly as much.
 
 mod search;
 mod verify;
