@@ -118,14 +118,14 @@ mod tests {
         let rational = |num| Value::Rational(vec![Rational { num, denom: 1000 }]);
         let fields = [
             (Tag::FocalLength, rational(5_000)),
-            (Tag::FocalPlaneXResolution, rational(4_000_000)),
+            (Tag::FocalPlaneXResolution, rational(100_000)),
             (Tag::FocalPlaneResolutionUnit, Value::Short(vec![3])),
             (Tag::PixelXDimension, Value::Long(vec![40])),
             (Tag::PixelYDimension, Value::Long(vec![30])),
         ];
-        // 5 mm at 400 px/mm: 2000 px; the diagonal has 50.
+        // 5 mm at 100 pixels per centimetre: 50 px; so many has the diagonal.
         let lens = of_bytes(&photo(&fields)).unwrap();
-        assert!((lens.focal_per_diagonal - 40.0).abs() < 1e-9);
+        assert!((lens.focal_per_diagonal - 1.0).abs() < 1e-9);
         assert_eq!(lens.fov_deg([40, 40], 40), None, "cut to a square since");
         assert!(lens.fov_deg([400, 300], 300).is_some(), "made larger is no cut");
         assert_eq!(of_bytes(&photo(&fields[..1])), None, "no resolution");
