@@ -103,7 +103,7 @@ fn normalised_filters_equal_their_reference() {
     for (outputs, inputs) in [(1, 1), (3, 5), (7, 40)] {
         // The second filter hardly has a norm.
         let weight = wave([outputs, inputs, 3, 3], 0.5);
-        let faint = weight.clone().slice_fill([1.min(outputs - 1)..outputs.min(2)], 1e-5);
+        let faint = weight.clone().slice_fill(1.min(outputs - 1)..outputs.min(2), 1e-5);
         let inputs = [if outputs > 1 { faint } else { weight }];
         let fast = value_and_gradients(&inputs, |t| ops::filters::normalised_filters(t[0].clone(), 1.5));
         let plain = value_and_gradients(&inputs, |t| ops::filters::reference(t[0].clone(), 1.5));
