@@ -1,14 +1,11 @@
 //! The `adjacent` net by itself: end-point error over zero-flow error, before and after the robust homography.
 
 use flow::align::FlowEstimator;
-use flow::align::planar::{RobustFit, fit, pairs_of_flow};
+use flow::align::planar::planar_flow;
 use flow::metrics::EndPointErrors;
 use ops::homography::Homography;
 use ops::planes::Planes;
 use serde::{Deserialize, Serialize};
-
-/// Distance in pixels between the flow samples that the homography is fitted to.
-const FIT_STEP: usize = 8;
 
 /// Mean errors over the pairs of one material, in pixels of the net's input.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,8 +30,7 @@ pub fn adjacent_errors(net: &dyn FlowEstimator, pairs: &[(&Planes, &Planes, Homo
         let valid = exact.valid(height, width, second.height, second.width);
         flow_errors.add(flow, &target, &valid);
         let inside = flow_inside(flow, second);
-        let planar = fit(&pairs_of_flow(flow, &inside, FIT_STEP), &RobustFit::default()).map(|f| f.homography);
-        planar_errors.add(&planar.map_or_else(|| Planes::new(2, height, width), |h| h.flow(height, width)), &target, &valid);
+        planar_errors.add(&planar_flow(flow, &inside), &target, &valid);
     }
     let (flow, planar) = (flow_errors.finish()?, planar_errors.finish()?);
     Some(AdjacentErrors { epe: flow.mean_px, zero_flow: flow.zero_flow_px, homography: planar.mean_px })

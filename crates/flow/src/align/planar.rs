@@ -69,6 +69,18 @@ pub fn pairs_of_flow(flow: &Planes, valid: &Mask, step: usize) -> Vec<PointPair>
         .collect()
 }
 
+/// Every eighth pixel tells [`planar_flow`] the homography of a field.
+const FIELD_STEP: usize = 8;
+
+/// The flow of the homography that most of a flow field agrees on, looking at its valid pixels. No motion where there is
+/// none, or where its horizon crosses the frame.
+pub fn planar_flow(flow: &Planes, valid: &Mask) -> Planes {
+    fit(&pairs_of_flow(flow, valid, FIELD_STEP), &RobustFit::default())
+        .map(|found| found.homography.flow(flow.height, flow.width))
+        .filter(|planar| planar.data.iter().all(|value| value.is_finite()))
+        .unwrap_or_else(|| Planes::new(2, flow.height, flow.width))
+}
+
 /// The homography that most pairs agree on; `None` for fewer than [`FEWEST_POINTS`] pairs or when no sample yields a
 /// homography that fits as many.
 pub fn fit(pairs: &[PointPair], search: &RobustFit) -> Option<PlanarFit> {
@@ -321,6 +333,20 @@ mod tests {
         let pairs = pairs_of_flow(&flow, &valid, 2);
         assert_eq!(pairs.len(), 2 * 4);
         assert!(pairs.iter().all(|p| p.source[0] == p.target[0] + 1.5 && p.source[1] == p.target[1] - 2.0));
+    }
+
+    #[test]
+    fn a_planar_flow_is_a_number_at_every_pixel() {
+        let everywhere = Mask::new(64, 64, true);
+        let exact = truth().flow(64, 64);
+        let close = |a: &Planes, b: &Planes| a.data.iter().zip(&b.data).all(|(a, b)| (a - b).abs() < 1e-2);
+        assert!(close(&planar_flow(&exact, &everywhere), &exact));
+        // What a hardly trained net may say: a plane seen edge-on, whose horizon lies in the frame.
+        let edge_on = Homography::new(Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, -0.02, 0.0, 1.0)).flow(64, 64);
+        assert!(edge_on.data.iter().any(|v| v.is_nan()));
+        let near = Mask::from_fn(64, 64, |_, x| x < 44);
+        assert!(planar_flow(&edge_on, &near).data.iter().all(|&v| v == 0.0));
+        assert!(planar_flow(&exact, &Mask::new(64, 64, false)).data.iter().all(|&v| v == 0.0));
     }
 
     #[test]

@@ -78,7 +78,8 @@ pub fn save_net<M: Module, A: Serialize>(
         outputs: Vec::new(),
         training: description.training,
         data: Vec::new(),
-        metrics: description.metrics,
+        // JSON has no infinity: a figure that says "without bound" would make the manifest unreadable.
+        metrics: description.metrics.into_iter().filter(|(_, value)| value.is_finite()).collect(),
     };
     add_net(folder, net, &tensors_of(module), record, u64::MAX)
 }

@@ -185,6 +185,10 @@ fn a_folder_holds_several_nets_with_their_records() {
     let (net, record) = load_one(folder).unwrap();
     assert_eq!(all_values(&net), all_values(&architecture(&SMALL).init(1.5)));
     assert_eq!((record.parameters, record.metrics["error"]), (11, 0.25));
+    let mut failed = description(&[4, 4]);
+    failed.metrics.extend([("nothing".into(), f64::NAN), ("unbounded".into(), f64::INFINITY)]);
+    save_net(folder, "failed", &architecture(&[4, 4]).init(2.0), failed, Precision::F32).unwrap();
+    assert_eq!(Manifest::read(folder).unwrap().nets["failed"].metrics.len(), 1);
     let (net, record) = load_net(folder, "two", "ramp", |a: &Architecture| Ok(a.parameters()), |a| Ok(a.init(0.0))).unwrap();
     assert_eq!((values(net.scale.val()), record.precision), (vec![2.0], Precision::F16));
 }

@@ -6,7 +6,7 @@ use crate::config::{Optimisation, Teaching};
 use crate::guard::Array;
 use burn::tensor::Device;
 use dataset::pair::FlowPair;
-use flow::align::planar::{RobustFit, fit, pairs_of_flow};
+use flow::align::planar::planar_flow;
 use flow::loss::FlowLossConfig;
 use flow::metrics::EndPointErrors;
 use flow::pwc::{Pwc, PwcConfig};
@@ -17,8 +17,6 @@ use rand_chacha::ChaCha8Rng;
 use render::visual::{below, beside};
 use std::sync::{Arc, OnceLock};
 
-/// Every eighth pixel enters the robust homography of a measurement.
-const FIT_STEP: usize = 8;
 /// Pairs shown in a preview.
 const SHOWN: usize = 3;
 
@@ -65,15 +63,6 @@ impl FlowStage {
 fn estimate(net: &Pwc, pair: &FlowPair, device: &Device) -> Planes {
     let flow = net.flow(pair.first.to_tensor(device), pair.second.to_tensor(device));
     Planes::from_tensor(flow).remove(0)
-}
-
-/// The flow of the homography that most of the flow agrees on; no motion where there is none.
-fn planar_flow(flow: &Planes, pair: &FlowPair) -> Planes {
-    let everywhere = Mask::new(flow.height, flow.width, true);
-    match fit(&pairs_of_flow(flow, &everywhere, FIT_STEP), &RobustFit::default()) {
-        Some(found) => found.homography.flow(flow.height, flow.width),
-        None => Planes::new(2, pair.flow.height, pair.flow.width),
-    }
 }
 
 impl Stage for FlowStage {
@@ -126,7 +115,8 @@ impl Stage for FlowStage {
             let found = estimate(net, pair, device);
             errors.add(&found, &pair.flow, &pair.valid);
             if self.planar {
-                planar_errors.add(&planar_flow(&found, pair), &pair.flow, &pair.valid);
+                let everywhere = Mask::new(found.height, found.width, true);
+                planar_errors.add(&planar_flow(&found, &everywhere), &pair.flow, &pair.valid);
             }
         }
         let Some(errors) = errors.finish() else { return Ok(Vec::new()) };
