@@ -2,11 +2,12 @@
 
 use burn::backend::Dispatch;
 use burn::tensor::{
-    Tensor,
+    FloatDType, Tensor,
     module::conv2d,
     ops::{ConvOptions, PadMode},
 };
 
+use crate::compute::Compute;
 use crate::kernel::{self, NetKernels};
 use crate::resample::upsample_nearest2;
 
@@ -56,7 +57,7 @@ impl Conv3x3 {
     }
 }
 
-/// Convolves without bias.
+/// Convolves without bias, in the format of [`Compute::within`].
 ///
 /// # Shapes
 /// `x [N, I, H, W]`, `weight [O, I, 3, 3]` → `[N, O, ceil(H / stride), ceil(W / stride)]`, or `[N, O, 2H, 2W]`
@@ -68,6 +69,10 @@ pub fn conv3x3(x: Tensor<4>, weight: Tensor<4>, geometry: Conv3x3) -> Tensor<4> 
         !geometry.enlarge || (geometry.stride, geometry.dilation) == (1, 1),
         "{geometry:?}: expected stride and dilation 1"
     );
+    if let Some(format) = Compute::current().rounded() {
+        // The kernels compute in single precision.
+        return reference(x.cast(format), weight.cast(format), geometry).cast(FloatDType::F32);
+    }
     if kernel::available(&x) {
         return Tensor::from_dispatch(Dispatch::conv3x3(x.into_dispatch(), weight.into_dispatch(), geometry));
     }

@@ -13,6 +13,7 @@
 
 pub mod activation;
 pub mod colour;
+pub mod compute;
 pub mod conv;
 pub mod cost_volume;
 pub mod filters;

@@ -322,6 +322,7 @@ fn open_devices(names: &str, config: &Config) -> Result<(Device, Vec<Device>), D
     let trained = Part::ALL.into_iter().flat_map(|part| part.trained(config));
     device::check_batches(&names, &trained.map(|stage| (stage, batches_of(config, stage))).collect::<Vec<_>>())?;
     let main = device::open(&names[0])?;
+    device::check_format(&main, &names[0], config.run.compute)?;
     let others = names[1..].iter().map(|name| device::open(name)).collect::<Result<_, _>>()?;
     Ok((main, others))
 }

@@ -4,6 +4,7 @@
 //! so every stage needs as many in `optimisation.accumulate`. `train sweep` gives several cards to several runs instead.
 
 use burn::tensor::Device;
+use ops::compute::Compute;
 
 /// A device that can't be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -75,6 +76,14 @@ pub enum DeviceError {
         /// What was asked for.
         found: String,
     },
+    /// The device can't compute in the config's format.
+    #[error("the device `{found}` can't compute in the format of `run.compute` ({format:?}): set `run.compute = \"f32\"`")]
+    Format {
+        /// The device.
+        found: String,
+        /// The format.
+        format: Compute,
+    },
     /// The back end was built in but could not be started.
     #[error("the device `{found}` could not be started: {reason}; is there a driver and a card? `--device cpu` always works")]
     Absent {
@@ -83,6 +92,14 @@ pub enum DeviceError {
         /// What the back end said.
         reason: String,
     },
+}
+
+/// Whether a device computes in a format.
+///
+/// # Errors
+/// It doesn't.
+pub fn check_format(device: &Device, name: &str, compute: Compute) -> Result<(), DeviceError> {
+    if compute.runs_on(device) { Ok(()) } else { Err(DeviceError::Format { found: name.into(), format: compute }) }
 }
 
 /// The names that `--device` knows.

@@ -136,10 +136,12 @@ pub fn part_fingerprint(config: &Config, part: Part) -> String {
     fingerprint(&deciding)
 }
 
-/// Histograms decide nothing of the results; left out as a line, so that checkpoints from before there were any stay valid.
+/// Histograms decide nothing of the results, and single precision is what there was before there was a choice: both are left out
+/// as lines, so that checkpoints from before stay valid.
 fn digest(config: &Config) -> String {
     let text = config.to_toml();
-    let deciding: String = text.split_inclusive('\n').filter(|line| !line.starts_with("histogram_every = ")).collect();
+    let old = |line: &&str| !line.starts_with("histogram_every = ") && *line != "compute = \"f32\"\n";
+    let deciding: String = text.split_inclusive('\n').filter(old).collect();
     Sha256::digest(deciding).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
@@ -262,6 +264,7 @@ impl Pipeline<'_> {
             device: self.device.clone(),
             others: self.others.clone(),
             seed: self.config.run.seed,
+            compute: self.config.run.compute,
             data_workers: self.config.run.data_workers,
             on_nan: self.config.run.on_nan,
             checkpoint_every: self.config.checkpoint.every_steps as u64,

@@ -8,7 +8,7 @@ mod store;
 
 pub use store::Store;
 
-use crate::optimiser::{NamedTensors, from_vec, to_vec};
+use crate::optimiser::{LossScale, NamedTensors, from_vec, to_vec};
 use burn::tensor::Device;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
@@ -39,6 +39,9 @@ pub struct State {
     pub cursor: u64,
     /// Steps that Adam has seen.
     pub adam_time: u64,
+    /// Factor on the loss, where convolutions compute in half precision.
+    #[serde(default)]
+    pub loss_scale: LossScale,
     /// Batches that are left out because a loss was not finite on them.
     pub skipped: Vec<u64>,
     /// The latest measurements on held-out materials.

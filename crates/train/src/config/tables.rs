@@ -9,6 +9,7 @@ use dataset::sequence::SequenceConfig;
 use evaluate::synthetic::SyntheticConfig;
 use flow::loss::FlowLossConfig;
 use flow::pwc::PwcConfig;
+use ops::compute::Compute;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use svbrdf::loss::LossConfig;
@@ -81,6 +82,9 @@ pub struct Run {
     /// Threads that prepare batches; the results don't depend on it.
     #[schemars(extend("unit" = "threads"))]
     pub data_workers: usize,
+    /// Format of the numbers that enter convolutions while a net learns: `f32`, or `bf16` or `f16` where a GPU gains by it.
+    /// Weights, losses, optimiser and everything else stay in single precision, and so does evaluation.
+    pub compute: Compute,
     /// What a non-finite loss leads to.
     pub on_nan: OnNan,
     /// Memory for decoded materials, in MiB.
@@ -90,7 +94,14 @@ pub struct Run {
 
 impl Default for Run {
     fn default() -> Self {
-        Self { name: String::new(), seed: 1, data_workers: 1, on_nan: OnNan::Stop, material_cache_mib: 1024 }
+        Self {
+            name: String::new(),
+            seed: 1,
+            data_workers: 1,
+            compute: Compute::F32,
+            on_nan: OnNan::Stop,
+            material_cache_mib: 1024,
+        }
     }
 }
 

@@ -11,6 +11,7 @@ use crate::recorder::Recorder;
 use crate::stage::{Stage, StageError};
 use burn::tensor::Device;
 use dataset::producer::ProducerError;
+use ops::compute::Compute;
 use stage_run::StageRun;
 use std::io;
 use std::path::Path;
@@ -83,6 +84,8 @@ pub struct Surroundings<'a> {
     pub others: Vec<Device>,
     /// Seed of the run.
     pub seed: u64,
+    /// Format that convolutions compute in while a net learns.
+    pub compute: Compute,
     /// Threads that make batches.
     pub data_workers: usize,
     /// What a non-finite loss leads to.

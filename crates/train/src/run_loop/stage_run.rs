@@ -8,11 +8,12 @@ use crate::guard::{self, Dump, NonFinite};
 use crate::optimiser::{AdamOptimiser, Average, Gradients, NamedTensors, assign, gradients, rate, values};
 use crate::progress::Progress;
 use crate::recorder::{Histogram, Kind, Quantity, Row, Status};
-use crate::stage::{Moment, Stage, StageError};
+use crate::stage::{Losses, Moment, Stage, StageError};
 use burn::module::Module;
 use burn::tensor::Device;
 use dataset::producer::{Producer, ProducerError};
 use dataset::stream::Stream;
+use ops::compute::Compute;
 use rand_chacha::rand_core::Rng;
 use std::time::{Duration, Instant};
 
@@ -139,8 +140,13 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
             due -= round.len();
             for Launched { batch, item, losses, gradients } in round {
                 let losses = losses.numbers();
-                let gradients = gradients.moved_to(&self.around.device);
+                let mut gradients = gradients.moved_to(&self.around.device);
                 norm = gradients.norm();
+                while self.overflowed(&losses, norm) {
+                    let main = self.around.device.clone();
+                    gradients = self.backward(&nets[0], &main, batch, &item)?.1;
+                    norm = gradients.norm();
+                }
                 // Batch by batch, so that the one at fault is known.
                 if let Err(found) = guard::check_losses(&losses).and_then(|()| guard::check_gradients(norm, &gradients)) {
                     return self.bad(found, batch, &item).map(Err);
@@ -182,19 +188,44 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         let mut round = Vec::with_capacity(nets.len());
         for (net, device) in nets.iter().zip(devices).take(due) {
             let (batch, item) = self.take()?;
-            // Layers that draw by themselves (dropout) draw from the generator of the device's kind.
-            device.seed(self.streams.rng("device", batch).next_u64());
-            let done = self.state.step as f64 / self.stage.steps().max(1) as f64;
-            let moment = Moment { step: self.state.step, done, rng: self.streams.rng("losses", batch) };
-            let losses =
-                self.stage.losses(net, &item, moment, &device.clone().autodiff()).map_err(|source| self.failure(source))?;
-            let gradients = gradients(net, losses.total.backward());
+            let (losses, gradients) = self.backward(net, &device, batch, &item)?;
             if nets.len() > 1 {
                 begin(&device).map_err(|source| self.failure(source))?;
             }
             round.push(Launched { batch, item, losses, gradients });
         }
         Ok(round)
+    }
+
+    /// Losses and gradients of one batch.
+    fn backward(&self, net: &S::Net, device: &Device, batch: u64, item: &S::Item) -> Result<(Losses, Gradients), TrainError> {
+        // Layers that draw by themselves (dropout) draw from the generator of the device's kind.
+        device.seed(self.streams.rng("device", batch).next_u64());
+        let done = self.state.step as f64 / self.stage.steps().max(1) as f64;
+        let moment = Moment { step: self.state.step, done, rng: self.streams.rng("losses", batch) };
+        let compute = self.around.compute;
+        let losses = compute.within(|| self.stage.losses(net, item, moment, &device.clone().autodiff()));
+        let losses = losses.map_err(|source| self.failure(source))?;
+        if compute != Compute::F16 {
+            let found = gradients(net, losses.total.backward());
+            return Ok((losses, found));
+        }
+        let factor = self.state.loss_scale.factor;
+        let mut found = gradients(net, (losses.total.clone() * factor).backward());
+        found.scale(1.0 / factor);
+        Ok((losses, found))
+    }
+
+    /// Whether the batch is to be computed again with the smaller factor on the loss that it has been given now: half precision
+    /// has overflowed in its gradient, whose norm is `norm`.
+    fn overflowed(&mut self, losses: &[(String, f64)], norm: f32) -> bool {
+        if self.around.compute != Compute::F16 || guard::check_losses(losses).is_err() {
+            return false;
+        }
+        let scale = self.state.loss_scale;
+        let smaller = scale.halved().filter(|_| !norm.is_finite());
+        self.state.loss_scale = smaller.unwrap_or_else(|| scale.stepped());
+        smaller.is_some()
     }
 
     fn update(&mut self, gradients: Gradients, learning_rate: f64) -> Result<(), TrainError> {
