@@ -2,6 +2,7 @@
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, TensorData};
+use ops::compute::Compute;
 use ops::planes::{Planes, values};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -90,6 +91,43 @@ fn filters_have_unit_norm_under_weight_normalisation_only() {
     assert!(weight.len() > 50 && weight.iter().all(|n| (n - 1.0).abs() < 1e-3));
     let instance = norms(&net(&SvbrdfNetConfig { normalisation: Normalisation::Instance, ..small(3) }, &device));
     assert!(instance.iter().all(|n| *n < 0.5));
+}
+
+#[test]
+fn the_maps_are_the_same_by_kernels_and_by_what_other_devices_compute() {
+    let device = Device::flex();
+    let instance = SvbrdfNetConfig { normalisation: Normalisation::Instance, ..small(4) };
+    let fusions = [Fusion::Frames, Fusion::None].map(|fusion| SvbrdfNetConfig { fusion, ..small(4) });
+    let poolings = POOLINGS.map(|pooling| SvbrdfNetConfig { pooling, ..small(4) });
+    for config in [small(8), instance].into_iter().chain(fusions).chain(poolings) {
+        let net = net(&config, &device);
+        let maps = || all_values(net.forward(frames(3, 26, 35, &device), flows(2, 26, 35, &device), None));
+        assert_same(&maps(), &ops::kernel::without(maps), 1e-5);
+    }
+}
+
+#[test]
+fn half_precision_rounds_maps_and_gradients_and_no_more() {
+    let device = Device::flex().autodiff();
+    for config in [small(5), SvbrdfNetConfig { normalisation: Normalisation::Instance, ..small(3) }] {
+        let net = net(&config, &device);
+        let step = || {
+            let maps = net.forward(frames(3, 32, 32, &device), flows(2, 32, 32, &device), None).stacked();
+            let gradients = (maps.clone() - 0.3).square().mean().mul_scalar(1e4).backward();
+            let filters = net.convolutions().map(|c| values(c.parameter().grad(&gradients).expect("every filter has one")));
+            (values(maps), filters.flatten().collect::<Vec<f32>>())
+        };
+        let norm = |v: &[f32]| v.iter().map(|v| f64::from(v * v)).sum::<f64>().sqrt();
+        let difference = |a: &[f32], b: &[f32]| norm(&a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<_>>()) / norm(b);
+        let single = step();
+        for (format, rounding) in [(Compute::F16, 1.0 / 2048.0), (Compute::Bf16, 1.0 / 256.0)] {
+            let half = format.within(step);
+            let (maps, gradients) = (difference(&half.0, &single.0), difference(&half.1, &single.1));
+            println!("{format:?}: maps {maps:.1e}, gradients {gradients:.1e}");
+            assert!(maps > 0.0 && maps < 2.0 * rounding, "{format:?}: maps {maps}");
+            assert!(gradients > 0.0 && gradients < 40.0 * rounding, "{format:?}: gradients {gradients}");
+        }
+    }
 }
 
 #[test]

@@ -126,4 +126,5 @@ fn the_paper_config_is_measured_as_in_the_paper() {
     // §8.1: 1,024² from 29 key frames, every fifth of 141 frames.
     let protocol = &config.report.synthetic;
     assert_eq!((protocol.resolution, protocol.map_resolution, protocol.align.key_frame_step), (1024, 1024, 5));
+    assert_eq!(config.run.compute, ops::compute::Compute::F32);
 }

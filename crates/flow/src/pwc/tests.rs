@@ -4,7 +4,7 @@ use burn::{
     module::Module,
     tensor::{Device, Tensor, TensorData},
 };
-use ops::planes::values;
+use ops::{compute::Compute, planes::values};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -69,6 +69,36 @@ fn levels_go_from_coarse_to_a_quarter() {
     let shapes: Vec<_> = output.levels.iter().map(|l| (l.factor, l.flow.dims(), l.logits.dims())).collect();
     assert_eq!(shapes, [(8, [2, 2, 3, 5], [2, 81, 3, 5]), (4, [2, 2, 6, 10], [2, 81, 6, 10])]);
     assert!(output.levels[0].start.is_none() && output.levels[1].start.is_some());
+}
+
+/// The largest difference between two ways to compute flows of about 20 px, in pixels.
+fn largest_difference(a: Tensor<4>, b: Tensor<4>) -> f32 {
+    values((a - b).abs().max())[0]
+}
+
+#[test]
+fn the_flow_is_the_same_by_kernels_and_by_what_other_devices_compute() {
+    let device = Device::flex();
+    for config in variants() {
+        let net = config.init(&device, &mut rng());
+        let flow = || net.flow(noise([2, 3, 33, 26], &device, 1), noise([2, 3, 33, 26], &device, 2));
+        let difference = largest_difference(flow(), ops::kernel::without(flow));
+        assert!(difference < 1e-3, "{config:?}: {difference} px");
+    }
+}
+
+#[test]
+fn half_precision_rounds_the_flow_and_no_more() {
+    let device = Device::flex();
+    for config in [tiny(), tiny_published()] {
+        let net = config.init(&device, &mut rng());
+        let flow = || net.flow(noise([1, 3, 32, 32], &device, 1), noise([1, 3, 32, 32], &device, 2));
+        let size = values(flow().abs().max())[0];
+        for (format, rounding) in [(Compute::F16, 1.0 / 2048.0), (Compute::Bf16, 1.0 / 256.0)] {
+            let difference = largest_difference(flow(), format.within(flow));
+            assert!(difference > 0.0 && difference < 30.0 * rounding * size, "{format:?}: {difference} of {size} px");
+        }
+    }
 }
 
 #[test]

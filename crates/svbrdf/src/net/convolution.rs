@@ -101,6 +101,11 @@ impl Convolution {
         }
     }
 
+    /// The filters before normalisation: what the optimiser moves.
+    pub fn parameter(&self) -> Tensor<4> {
+        self.weight.val()
+    }
+
     /// Parameters of the filters.
     pub fn filter_parameters(&self) -> usize {
         self.weight.lazy_shape().num_elements()
