@@ -10,6 +10,8 @@ use ops::conv::{Conv3x3, Padding, conv3x3};
 
 /// Rounding of a number of each format.
 const FORMATS: [(Compute, f32); 2] = [(Compute::F16, 1.0 / 2048.0), (Compute::Bf16, 1.0 / 256.0)];
+/// Roundings that a result may be off: it has tens to hundreds of terms, and the CPU adds them up in the format itself.
+const ROUNDINGS: f32 = 24.0;
 
 fn relative_norm(found: &[f32], expected: &[f32]) -> f32 {
     let norm = |values: &mut dyn Iterator<Item = f32>| values.map(|v| v * v).sum::<f32>().sqrt();
@@ -27,8 +29,7 @@ fn convolutions_agree_to_the_rounding_of_their_format() {
                 let half = value_and_gradients(&inputs, |t| format.within(|| conv3x3(t[0].clone(), t[1].clone(), geometry)));
                 for (part, (half, single)) in half.iter().zip(&single).enumerate() {
                     let error = relative_norm(half, single);
-                    // Tens of terms, which the CPU adds up in the format itself.
-                    assert!(error < 8.0 * rounding, "{format:?}, {geometry:?}, part {part}: {error}");
+                    assert!(error < ROUNDINGS * rounding, "{format:?}, {geometry:?}, part {part}: {error}");
                     // Otherwise nothing was rounded.
                     assert!(error > 0.05 * rounding, "{format:?}, {geometry:?}, part {part}: {error}");
                 }
