@@ -160,6 +160,13 @@ mod tests {
     }
 
     #[test]
+    fn a_checkpoint_from_before_half_precision_begins_with_the_first_factor() {
+        let mut old = serde_json::to_value(&checkpoint(5).state).unwrap();
+        old.as_object_mut().unwrap().remove("loss_scale").unwrap();
+        assert_eq!(serde_json::from_value::<State>(old).unwrap(), checkpoint(5).state);
+    }
+
+    #[test]
     fn only_the_last_ones_stay() {
         let (home, paths) = saved();
         assert!(!paths[0].exists() && paths[1].exists() && paths[2].exists());

@@ -166,9 +166,11 @@ fn a_damaged_checkpoint_is_refused_and_the_offered_one_continues() {
 fn a_resumed_run_keeps_to_its_config() {
     let home = Home::new();
     copy(&undisturbed().0.path("run"), &home.path("run"));
-    let ended = home.run(&["--resume", "run", "--set", "svbrdf.steps=99"]);
-    assert_eq!(ended.code, Some(2), "{}", ended.stderr);
-    assert!(ended.stderr.contains("continues as it began"), "{}", ended.stderr);
+    for other in ["svbrdf.steps=99", "run.compute=f16"] {
+        let ended = home.run(&["--resume", "run", "--set", other]);
+        assert_eq!(ended.code, Some(2), "{other}: {}", ended.stderr);
+        assert!(ended.stderr.contains("continues as it began"), "{other}: {}", ended.stderr);
+    }
     assert_eq!(
         home.run(&[
             "--resume",

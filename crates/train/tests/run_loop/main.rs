@@ -209,6 +209,12 @@ fn the_moving_average_is_what_is_measured_and_kept() {
     assert!((f64::from(trained.net.weight.val().into_scalar::<f32>()) - average).abs() < 1e-5);
 }
 
+/// The factor on the loss that a run's newest checkpoint holds.
+fn loss_scale(folder: &Path) -> LossScale {
+    let store = Store { folder: folder.join("checkpoints"), keep_last: 2, keep_best: 0, fingerprint: "toy".into() };
+    store.newest("toy", &burn::tensor::Device::flex()).unwrap().unwrap().state.loss_scale
+}
+
 #[test]
 fn half_precision_finds_the_factor_that_its_gradients_bear() {
     let gradients = |compute| {
@@ -216,9 +222,7 @@ fn half_precision_finds_the_factor_that_its_gradients_bear() {
         let stage = Slope { steps: 12, plan: Slope::plan(1e-4, 1, 0.0) };
         finished(run(&folder, &stage, &Options { compute, ..Options::default() }));
         let norms = read_steps(&folder.join("metrics.jsonl"), Kind::Train, "gradient_norm").unwrap();
-        let store = Store { folder: folder.join("checkpoints"), keep_last: 2, keep_best: 0, fingerprint: "toy".into() };
-        let state = store.newest("toy", &burn::tensor::Device::flex()).unwrap().unwrap().state;
-        (norms.into_iter().map(|row| row.2).collect::<Vec<_>>(), state.loss_scale)
+        (norms.into_iter().map(|row| row.2).collect::<Vec<_>>(), loss_scale(&folder))
     };
     let slopes: Vec<f64> = (1..=12).map(f64::from).collect();
     for compute in [Compute::F32, Compute::Bf16] {
@@ -226,6 +230,21 @@ fn half_precision_finds_the_factor_that_its_gradients_bear() {
     }
     // A gradient of 9 was the first that 8,192 took beyond 65,504; four good steps since. No batch was lost.
     assert_eq!(gradients(Compute::F16), (slopes, LossScale { factor: 4096.0, steps: 5 }));
+}
+
+#[test]
+fn a_run_in_half_precision_goes_on_to_the_last_bit_and_with_its_factor() {
+    let stage = Slope { steps: 12, plan: Slope::plan(1e-4, 1, 0.0) };
+    for compute in [Compute::F16, Compute::Bf16] {
+        let (_home, whole) = new_run("whole");
+        let straight = finished(run(&whole, &stage, &Options { compute, ..Options::default() }));
+        let (_home, parts) = new_run("parts");
+        let stopped = run(&parts, &stage, &Options { compute, stop_at: Some(7), ..Options::default() });
+        assert!(matches!(stopped.unwrap(), Outcome::Stopped { step: 7 }));
+        let resumed = finished(run(&parts, &stage, &Options { compute, ..Options::default() }));
+        assert_eq!((curve(&whole), loss_scale(&whole)), (curve(&parts), loss_scale(&parts)), "{compute:?}");
+        assert_eq!(straight.measured[0].1.to_bits(), resumed.measured[0].1.to_bits());
+    }
 }
 
 #[test]
