@@ -1,10 +1,7 @@
 //! Bilinear warping of features with validity, and the masked maximum over warped frames (paper §6).
 
 use burn::backend::Dispatch;
-use burn::tensor::{
-    Int, Tensor,
-    ops::{GridSampleOptions, GridSamplePaddingMode, InterpolateMode},
-};
+use burn::tensor::{Int, Tensor};
 
 use crate::kernel::{self, NetKernels};
 
@@ -28,7 +25,16 @@ fn positions(flow: Tensor<4>) -> (Tensor<3>, Tensor<3>) {
     (x, y)
 }
 
-/// Samples `x` at `target pixel + flow`. Gradients reach the features and, away from pixel borders, the flow.
+/// The first of the two pixels that lie around each position, and how far behind it the position is. On a pixel that is the pixel
+/// itself, and its left neighbour on the last one, so positions have the slope of the only side that the last pixel has.
+fn taps(positions: Tensor<3>, length: usize) -> (Tensor<3, Int>, Tensor<3>) {
+    let first = positions.clone().detach().floor().clamp_max(length.saturating_sub(2) as f32);
+    (first.clone().int(), positions - first)
+}
+
+/// Samples `x` at `target pixel + flow`. Gradients reach the features and the flow. Where a source position is a pixel's centre,
+/// interpolation has a kink: the flow's gradient is that of the right and lower side there, and of the left and upper side in the
+/// last column and row.
 ///
 /// # Shapes
 /// `x [N, C, H, W]`, `flow [N, 2, H, W]`. A NaN flow is invalid.
@@ -49,15 +55,17 @@ pub fn reference_warp(x: Tensor<4>, flow: Tensor<4>) -> Warped {
     let (px, py) = positions(flow.mask_fill(broken, -1e6));
     let inside =
         |p: &Tensor<3>, last: usize| p.clone().greater_equal_elem(0.0).bool_and(p.clone().lower_equal_elem(last as f32));
-    let valid = inside(&px, w - 1).bool_and(inside(&py, h - 1)).float().reshape([n, 1, h, w]);
-    // Clamping keeps far-away positions finite; they are masked below.
-    let normalise = |p: Tensor<3>, last: usize| p.clamp(-2.0, last as f32 + 2.0) * (2.0 / last.max(1) as f32) - 1.0;
-    let grid = Tensor::stack::<4>(vec![normalise(px, w - 1), normalise(py, h - 1)], 3);
-    let options = GridSampleOptions::new(InterpolateMode::Bilinear)
-        .with_padding_mode(GridSamplePaddingMode::Border)
-        .with_align_corners(true);
-    let valid = valid.detach();
-    let values = x.grid_sample_2d(grid, options) * valid.clone().expand([n, c, h, w]);
+    let seen = inside(&px, w - 1).bool_and(inside(&py, h - 1));
+    let (valid, outside) = (seen.clone().float().reshape([n, 1, h, w]), seen.bool_not());
+    let [(left, fx), (top, fy)] = [(px, w), (py, h)].map(|(p, length)| taps(p.mask_fill(outside.clone(), 0.0), length));
+    let pixels = x.reshape([n, c, h * w]);
+    let at = |down: usize, right: usize| {
+        let index = (top.clone() + down.min(h - 1) as i64) * w as i64 + left.clone() + right.min(w - 1) as i64;
+        pixels.clone().gather(2, index.reshape([n, 1, h * w]).expand([n, c, h * w]))
+    };
+    let between = |a: Tensor<3>, b: Tensor<3>, share: &Tensor<3>| a.clone() + (b - a) * share.clone().reshape([n, 1, h * w]);
+    let (upper, lower) = (between(at(0, 0), at(0, 1), &fx), between(at(1, 0), at(1, 1), &fx));
+    let values = between(upper, lower, &fy).reshape([n, c, h, w]) * valid.clone();
     Warped { values, valid }
 }
 

@@ -4,7 +4,7 @@
 mod comparison;
 
 use burn::tensor::Tensor;
-use comparison::{assert_equal, assert_near, device, value_and_gradients, wave};
+use comparison::{assert_equal, assert_near, device, value_and_gradients, value_and_weighted_gradients, wave};
 use ops::conv::{Conv3x3, Padding};
 use ops::planes::values;
 
@@ -118,8 +118,7 @@ fn cost_volumes_take_any_layout() {
 
 #[test]
 fn warps_take_any_layout() {
-    // Off the pixels' corners, where the flow has no gradient.
-    let flow = |t: &Tensor<4>| t.clone().mul_scalar(1.7);
+    let flow = |t: &Tensor<4>| t.clone().mul_scalar(2.0);
     check(
         "warp",
         &[[2, 5, 7, 9], [2, 2, 7, 9]],
@@ -160,22 +159,48 @@ fn whole_flows([k, h, w]: [usize; 3]) -> Tensor<4> {
 #[test]
 fn images_of_one_pixel_row_or_column_warp_like_the_references() {
     for (k, c, h, w) in [(1, 1, 1, 1), (3, 2, 1, 1), (2, 3, 1, 9), (2, 3, 8, 1), (2, 17, 5, 2)] {
-        // Whole steps have no slope with respect to the flow, so only features are tracked.
         let flow = whole_flows([k, h, w]);
         let name = format!("{k}×{c}×{h}×{w}");
-        let features = [wave([k, c, h, w], 0.7)];
-        let found = value_and_gradients(&features, |t| ops::warp::warp(t[0].clone(), flow.clone()).values);
-        let expected = value_and_gradients(&features, |t| ops::warp::reference_warp(t[0].clone(), flow.clone()).values);
+        let features = wave([k, c, h, w], 0.7);
+        let inputs = [features.clone(), flow.clone()];
+        let found = value_and_gradients(&inputs, |t| ops::warp::warp(t[0].clone(), t[1].clone()).values);
+        let expected = value_and_gradients(&inputs, |t| ops::warp::reference_warp(t[0].clone(), t[1].clone()).values);
         assert!(expected[0].iter().any(|v| *v != 0.0), "{name}: nothing is valid");
         assert_equal(&format!("warp {name}"), &found, &expected);
         let [fast, plain] =
-            [ops::warp::warp, ops::warp::reference_warp].map(|f| values(f(features[0].clone(), flow.clone()).valid));
+            [ops::warp::warp, ops::warp::reference_warp].map(|f| values(f(features.clone(), flow.clone()).valid));
         assert_eq!(fast, plain, "{name}");
         let inputs = [wave([1, c, h, w], 0.5), wave([k, c, h, w], 0.0)];
         let found = value_and_gradients(&inputs, |t| ops::warp::warp_max(t[0].clone(), t[1].clone(), flow.clone()));
         let expected =
             value_and_gradients(&inputs, |t| ops::warp::reference_warp_max(t[0].clone(), t[1].clone(), flow.clone()));
         assert_equal(&format!("warped maximum {name}"), &found, &expected);
+    }
+}
+
+#[test]
+fn on_whole_pixels_the_flow_has_the_gradient_of_the_right_and_lower_side() {
+    // Sides of x² + 10 y² have different slopes, whole numbers all of them.
+    let slope = |at: usize, length: usize| match length {
+        1 => 0.0,
+        _ => 2.0 * at as f32 + if at + 1 < length { 1.0 } else { -1.0 },
+    };
+    for (h, w) in [(5, 7), (23, 50), (1, 9), (8, 1)] {
+        let pixels = |f: &dyn Fn(usize, usize) -> f32| {
+            let all: Vec<f32> = (0..h * w).map(|i| f(i % w, i / w)).collect();
+            Tensor::<1>::from_floats(all.as_slice(), &device()).reshape([1, 1, h, w])
+        };
+        // To every pixel, in another order.
+        let (to_x, to_y) = (|x: usize| (x * 3 + 1) % w, |y: usize| (y * 3 + 2) % h);
+        let steps = [pixels(&|x, _| to_x(x) as f32 - x as f32), pixels(&|_, y| to_y(y) as f32 - y as f32)];
+        let inputs = [pixels(&|x, y| (x * x + 10 * y * y) as f32), Tensor::cat(steps.to_vec(), 1)];
+        let slopes_x = (0..h * w).map(|i| slope(to_x(i % w), w));
+        let slopes: Vec<f32> = slopes_x.chain((0..h * w).map(|i| 10.0 * slope(to_y(i / w), h))).collect();
+        for route in [ops::warp::warp, ops::warp::reference_warp] {
+            let sum = |t: &[Tensor<4>]| route(t[0].clone(), t[1].clone()).values;
+            let found = value_and_weighted_gradients(&inputs, sum, |shape| Tensor::ones(shape, &device()));
+            assert_eq!(found[2], slopes, "{h}×{w}");
+        }
     }
 }
 
