@@ -48,7 +48,7 @@ const fn ablation(name: &'static str, title: &'static str, settings: &'static [&
 
 /// All conditions, in the order of the table. Other frame rates keep the places of the key frames, as the paper does (at half
 /// the rate as nearly as frames allow).
-pub const CONDITIONS: [Condition; 34] = [
+pub const CONDITIONS: [Condition; 35] = [
     Condition { name: "base", title: "as it is", group: Group::Base, settings: &[] },
     scans("rate-4", "frame rate ×4", &["videos.path.frame_rate=4.0", "align.key_frame_step=20"]),
     scans("rate-2", "frame rate ×2", &["videos.path.frame_rate=2.0", "align.key_frame_step=10"]),
@@ -85,6 +85,7 @@ pub const CONDITIONS: [Condition; 34] = [
     ablation("no-distant", "without the distant net", &["align.distant=false"]),
     ablation("no-loops", "without loops", &["align.loops=false"]),
     ablation("no-adjust", "without joint adjustment", &["align.adjust=false"]),
+    ablation("no-relief", "shading of relief not told from motion", &["align.relief=false"]),
     ablation("no-nets", "without both nets", &["align.candidates.net=false", "align.distant=false"]),
     ablation("chroma", "with chroma in the refinement", &["align.photometric.chroma=0.5"]),
     ablation("pnp", "the paper's chain, pose at 30°", &["align.regularise=pnp"]),

@@ -38,6 +38,9 @@ pub struct AlignConfig {
     pub loops: bool,
     /// Whether all key frames are adjusted together after the last one has been found.
     pub adjust: bool,
+    /// Whether the change of shading that relief shows under the travelling light is told from motion. Needs ten key frames
+    /// and a guidance image that is frame 0.
+    pub relief: bool,
     /// Seed of the robust fits.
     pub seed: u64,
 }
@@ -55,6 +58,7 @@ impl Default for AlignConfig {
             distant: true,
             loops: true,
             adjust: true,
+            relief: true,
             seed: 0,
         }
     }

@@ -21,6 +21,7 @@ pub mod phase;
 pub mod photometric;
 pub mod planar;
 pub mod pose;
+mod relief;
 mod result;
 mod scan;
 #[cfg(test)]

@@ -26,7 +26,7 @@ const ALL_ROWS: usize = 200;
 const PRIOR_AFFINE: f64 = 0.05;
 const PRIOR_PERSPECTIVE: f64 = 0.02;
 /// Cauchy scale in robust standard deviations: 95 % efficiency on Gaussian noise.
-const CAUCHY: f32 = 2.385;
+pub(super) const CAUCHY: f32 = 2.385;
 
 type Matrix8 = SMatrix<f64, 8, 8>;
 type Vector8 = SVector<f64, 8>;
@@ -108,6 +108,14 @@ pub fn refine(
     }
     let consistency = consistency(target, source, &homography, end);
     Some(Refined { homography, consistency, converged, expected_px })
+}
+
+/// Gauss–Newton steps of a registration that starts near the end.
+const NEAR_ITERATIONS: usize = 3;
+
+/// Registers a source plane to a target plane that it nearly fits already; NaN is unknown in both. `None` as in [`refine`].
+pub(super) fn register(target: &Planes, source: &Planes, initial: &Homography) -> Option<Homography> {
+    descend(target, source, initial, Model::Homography, NEAR_ITERATIONS).map(|d| d.homography)
 }
 
 /// Compares two images under a homography (given at the finest level's size) on pyramid level `level`.
@@ -339,10 +347,16 @@ impl Normal {
 /// correlation length squared, roughly).
 const CORRELATED_PIXELS: f64 = 16.0;
 
-/// Robust standard deviation of the residuals (1.4826 · median |r|), on every seventh pixel.
+/// Robust standard deviation of the residuals, on every seventh pixel.
 fn residual_scale(target: &[f32], warped: &[f32]) -> f32 {
     let mut sizes: Vec<f32> =
         target.iter().zip(warped).step_by(7).map(|(t, w)| (w - t).abs()).filter(|r| !r.is_nan()).collect();
+    residual_deviation(&mut sizes)
+}
+
+/// Robust standard deviation of residuals of the given sizes (1.4826 · median), at least a twentieth of the contrast; 1
+/// without any.
+pub(super) fn residual_deviation(sizes: &mut [f32]) -> f32 {
     if sizes.is_empty() {
         return 1.0;
     }
@@ -352,7 +366,7 @@ fn residual_scale(target: &[f32], warped: &[f32]) -> f32 {
 }
 
 /// Samples one plane of `source` at `homography(target pixel)`; NaN outside and where the source is unknown.
-fn warp(source: &Planes, channel: usize, homography: &Homography, width: usize, out: &mut [f32]) {
+pub(super) fn warp(source: &Planes, channel: usize, homography: &Homography, width: usize, out: &mut [f32]) {
     let plane = source.plane(channel);
     let m = homography.matrix.map(|v| v as f32);
     let (right, bottom) = ((source.width - 1) as f32, (source.height - 1) as f32);

@@ -106,13 +106,13 @@ impl Scan {
     }
 
     /// The key frames at their places, with the warnings of all steps.
-    pub fn conclude(&self, Placed { places, links }: Placed, steps: &[NeighbourStep]) -> Alignment {
+    pub fn conclude(&self, Placed { places, links }: &Placed, steps: &[NeighbourStep]) -> Alignment {
         let nodes = (1..self.sizes.len()).into_par_iter();
         let key_frames: Vec<KeyFrame> = nodes.map(|n| self.key_frame(n, &places[n])).collect();
         let replaced = steps.iter().enumerate().filter(|(_, s)| s.replaced);
         let mut warnings: Vec<Warning> = replaced.map(|(frame, _)| Warning::StepReplaced { frame }).collect();
         warnings.extend(dropped(&key_frames));
-        let links = links.into_iter().map(|l| self.at_full_size(l)).collect();
+        let links = links.iter().map(|&l| self.at_full_size(l)).collect();
         Alignment { key_frames, warnings, links, guidance_filmed: self.guidance_filmed(), seconds: Seconds::default() }
     }
 

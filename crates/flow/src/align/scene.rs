@@ -1,4 +1,5 @@
-//! Test scene: a smooth random texture seen under known homographies, lit by a highlight that travels with the camera.
+//! Test scene: a smooth random texture seen under known homographies, lit by a highlight that travels with the camera, with
+//! relief that a flash at the camera shades.
 
 use ops::homography::Homography;
 use ops::planes::Planes;
@@ -18,11 +19,16 @@ pub(crate) struct Scene {
     pub highlight: f32,
     /// Amplitude of the noise.
     pub noise: f32,
+    /// Height of bright over dark places, in pixels of the texture per unit of it: hollows are dark.
+    pub relief: f32,
 }
+
+/// Height of the camera and its flash over the texture, in widths of the frame: a field of view of some 30°.
+const FLASH_HEIGHT: f64 = 1.9;
 
 impl Scene {
     pub fn new(seed: u64) -> Self {
-        Self { seed, contrast: 0.25, highlight: 0.0, noise: 0.0 }
+        Self { seed, contrast: 0.25, highlight: 0.0, noise: 0.0, relief: 0.0 }
     }
 
     /// The frame of a camera whose pixels lie at `view(pixel)` on the texture.
@@ -30,6 +36,9 @@ impl Scene {
         let mut frame = Planes::new(3, size.height, size.width);
         let seed = view.matrix.iter().fold(self.seed, |s, v| s.rotate_left(7) ^ v.to_bits());
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let (over_u, over_v) =
+            view.apply(0.5 * (size.width as f64 - 1.0), 0.5 * (size.height as f64 - 1.0)).unwrap_or_default();
+        let flash_height = FLASH_HEIGHT * size.width as f64;
         for y in 0..size.height {
             for x in 0..size.width {
                 let (u, v) = view.apply(x as f64, y as f64).unwrap_or_default();
@@ -37,14 +46,26 @@ impl Scene {
                 let away = offset(x, size.width).powi(2) + offset(y, size.height).powi(2);
                 let glare = self.highlight * (-0.5 * away).exp();
                 let shared = self.texture(u as f32, v as f32, 0);
+                let towards = ((over_u - u) / flash_height, (over_v - v) / flash_height);
+                let shading = 1.0 + self.shading(u as f32, v as f32, [towards.0 as f32, towards.1 as f32]);
                 for c in 0..3 {
                     let noise = self.noise * rng.random_range(-1.0..1.0f32);
                     let texture = 0.7 * shared + 0.3 * self.texture(u as f32, v as f32, c as u64 + 1);
-                    frame.set(c, y, x, (0.4 + self.contrast * texture + glare + noise).clamp(0.0, 1.0));
+                    frame.set(c, y, x, ((0.4 + self.contrast * texture) * shading + glare + noise).clamp(0.0, 1.0));
                 }
             }
         }
         frame
+    }
+
+    /// How much brighter a place is that faces the light: minus the gradient of the height, times the slopes of the light.
+    fn shading(&self, u: f32, v: f32, towards: [f32; 2]) -> f32 {
+        if self.relief == 0.0 {
+            return 0.0;
+        }
+        let across = 0.5 * (self.texture(u + 1.0, v, 0) - self.texture(u - 1.0, v, 0));
+        let down = 0.5 * (self.texture(u, v + 1.0, 0) - self.texture(u, v - 1.0, 0));
+        -self.relief * (across * towards[0] + down * towards[1])
     }
 
     /// Three octaves of value noise in about −1 … 1.

@@ -9,6 +9,7 @@ use super::compose::FlowField;
 use super::config::{AlignConfig, Regularise, SMALLEST_SIDE};
 use super::dense;
 use super::footage::{Footage, described};
+use super::relief;
 use super::result::{AlignError, Alignment, Seconds, Warning};
 use super::scan::Scan;
 use super::track::Tracker;
@@ -63,8 +64,12 @@ impl Aligner<'_> {
             (_, flows) => {
                 let steps = scan.neighbour_steps(flows.as_deref(), &self.config);
                 seconds.steps = clock.lap();
-                let placed = Tracker { scan: &scan, aligner: self, steps: &steps, flows: flows.as_deref() }.place();
-                scan.conclude(placed, &steps)
+                let mut placed = Tracker { scan: &scan, aligner: self, steps: &steps, flows: flows.as_deref() }.place();
+                if self.config.relief {
+                    let camera = scan.conclude(&placed, &steps).camera(None);
+                    relief::settle(&scan, &mut placed, camera.as_ref().ok());
+                }
+                scan.conclude(&placed, &steps)
             }
         };
         seconds.placing = clock.lap();
