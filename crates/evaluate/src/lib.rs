@@ -90,6 +90,15 @@ pub enum EvaluateError {
         /// What is wrong.
         message: String,
     },
+    /// A scan that couldn't be made a video.
+    #[error(
+        "encoding a scan as a video: {reason}. It needs ffmpeg with the codec (Debian, Ubuntu: `apt install ffmpeg`); \
+         --conditions chooses rows that need none"
+    )]
+    Encoding {
+        /// Why not.
+        reason: String,
+    },
     /// A protocol's setting that can't work.
     #[error("evaluate: {name} = {found}: {expected}")]
     Config {

@@ -17,6 +17,7 @@ use crate::report::Figures;
 use super::AlignmentConfig;
 use super::camera;
 use super::conditions::Condition;
+use super::film::Film;
 
 /// An accepted scan or key frame with a larger mean error, in pixels at a width of 1024, is wrong.
 const WRONG_PX: f64 = 10.0;
@@ -91,7 +92,11 @@ impl Case {
         config: &AlignmentConfig,
     ) -> Result<Self, EvaluateError> {
         let aligner = Aligner { config: config.align.clone(), adjacent: Some(&nets.adjacent), distant: Some(&nets.distant) };
-        let alignment = aligner.align_footage(&Rendered { sequence, resolution: config.resolution }, None)?;
+        let alignment = if config.encoding.encodes() {
+            aligner.align_footage(&Film::shoot(sequence, config.resolution, &config.encoding)?, None)?
+        } else {
+            aligner.align_footage(&Rendered { sequence, resolution: config.resolution }, None)?
+        };
         let warps: Vec<FrameWarp> = alignment.key_frames.iter().map(|k| sequence.warp(0, k.index, config.resolution)).collect();
         let step = config.align.key_frame_step;
         let exact = |frame: usize, x: f64, y: f64| warps[frame / step - 1].apply(x, y);

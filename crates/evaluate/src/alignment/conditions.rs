@@ -48,7 +48,7 @@ const fn ablation(name: &'static str, title: &'static str, settings: &'static [&
 
 /// All conditions, in the order of the table. Other frame rates keep the places of the key frames, as the paper does (at half
 /// the rate as nearly as frames allow).
-pub const CONDITIONS: [Condition; 35] = [
+pub const CONDITIONS: [Condition; 36] = [
     Condition { name: "base", title: "as it is", group: Group::Base, settings: &[] },
     scans("rate-4", "frame rate ×4", &["videos.path.frame_rate=4.0", "align.key_frame_step=20"]),
     scans("rate-2", "frame rate ×2", &["videos.path.frame_rate=2.0", "align.key_frame_step=10"]),
@@ -66,6 +66,7 @@ pub const CONDITIONS: [Condition; 35] = [
     scans("roll", "roll of 180° over the video", &["videos.path.roll_deg=180.0"]),
     scans("roll-fast", "roll of 720° over the video", &["videos.path.roll_deg=720.0"]),
     scans("compression", "compressed (JPEG 40–95)", &["videos.sensor={ compression = {} }"]),
+    scans("h264", "H.264 at a phone's bit rate", &["encoding.codec=libx264"]),
     scans("distortion", "lens distortion", &["videos.sensor={ distortion = {} }"]),
     scans("rolling-shutter", "rolling shutter", &["videos.sensor={ rolling_shutter = {} }"]),
     scans("motion-blur", "motion blur", &["videos.sensor={ motion_blur = {} }"]),

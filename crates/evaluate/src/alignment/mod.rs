@@ -9,6 +9,7 @@ pub mod camera;
 pub mod case;
 pub mod conditions;
 pub mod export;
+pub mod film;
 pub mod store;
 pub mod summary;
 pub mod table;
@@ -25,6 +26,7 @@ use serde::{Deserialize, Serialize};
 use crate::EvaluateError;
 use case::Case;
 use conditions::Condition;
+use film::Encoding;
 use store::Store;
 
 /// Settings of the protocol before a condition changes them.
@@ -41,6 +43,8 @@ pub struct AlignmentConfig {
     pub align: AlignConfig,
     /// The scans. Materials are shown as they are.
     pub videos: SequenceConfig,
+    /// The encoder that stores the scans.
+    pub encoding: Encoding,
     /// Seed of paths, lights and noise.
     pub seed: u64,
 }
@@ -53,6 +57,7 @@ impl Default for AlignmentConfig {
             resolution: 1024,
             align: AlignConfig::default(),
             videos: SequenceConfig { augment: AugmentConfig::none(), ..crate::synthetic::spirals() },
+            encoding: Encoding::default(),
             seed: 7001,
         }
     }
@@ -68,7 +73,10 @@ impl AlignmentConfig {
         match self {
             Self { sequences: 0, scans, .. } if scans.is_empty() => error("sequences", 0, "at least one scan"),
             Self { resolution: r, .. } if !(64..=4096).contains(r) => error("resolution", *r, "64 to 4096 pixels"),
-            _ => self.videos.validate().map_err(EvaluateError::Videos),
+            _ => {
+                self.encoding.validate()?;
+                self.videos.validate().map_err(EvaluateError::Videos)
+            }
         }
     }
 

@@ -178,3 +178,28 @@ fn rows_hold_means_intervals_and_paired_tests_by_class() {
     assert_eq!(csv.lines().count(), 6);
     assert!(csv.lines().all(|l| l.matches(',').count() == csv.lines().next().unwrap().matches(',').count()));
 }
+
+#[test]
+fn a_scan_comes_back_from_the_encoder_frame_by_frame() {
+    let sequence = config().sequence(&library(), 0).unwrap();
+    let plenty = Encoding { codec: "libx264".into(), bits_per_pixel: 8.0 };
+    let shot = film::Film::shoot(&sequence, 64, &plenty);
+    if std::process::Command::new("ffmpeg").arg("-version").output().is_err() {
+        let message = shot.err().unwrap().to_string();
+        assert!(message.contains("ffmpeg") && message.contains("--conditions"), "{message}");
+        return;
+    }
+    let film = shot.unwrap();
+    assert_eq!(flow::align::Footage::count(&film), sequence.len());
+    let error = |a: &ops::planes::Planes, b: &ops::planes::Planes| {
+        a.data.iter().zip(&b.data).map(|(a, b)| (a - b).abs()).sum::<f32>() / a.data.len() as f32
+    };
+    let frame = |index: usize| flow::align::Footage::frame(&film, index).into_owned();
+    for index in [0, 5, sequence.len() - 1] {
+        let (own, other) = (sequence.frame(index, 64), sequence.frame((index + 6) % sequence.len(), 64));
+        assert!(error(&frame(index), &own) < 0.5 * error(&frame(index), &other), "frame {index}");
+    }
+    let unknown = Encoding { codec: "no-such-codec".into(), ..Encoding::default() };
+    assert!(film::Film::shoot(&sequence, 64, &unknown).err().unwrap().to_string().contains("no-such-codec"));
+    assert!(Encoding { bits_per_pixel: 0.0, ..Encoding::default() }.validate().is_err());
+}
