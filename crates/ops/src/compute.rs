@@ -2,7 +2,8 @@
 //!
 //! Parameters, normalisation of filters and maps, global means, warps, losses, optimiser and averages stay in single precision;
 //! only what enters a convolution is rounded, and its result comes back in single precision. The gradient is rounded on the
-//! same way back, before the convolution's backward passes, and reaches the parameters in single precision.
+//! same way back, before the convolution's backward passes, and reaches the parameters in single precision. Where there are
+//! [kernels](crate::kernel), they compute with the rounded numbers and sum up in single precision, as GPUs multiply halves.
 
 use std::cell::Cell;
 

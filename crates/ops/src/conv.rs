@@ -69,10 +69,18 @@ pub fn conv3x3(x: Tensor<4>, weight: Tensor<4>, geometry: Conv3x3) -> Tensor<4> 
         !geometry.enlarge || (geometry.stride, geometry.dilation) == (1, 1),
         "{geometry:?}: expected stride and dilation 1"
     );
-    if let Some(format) = Compute::current().rounded() {
-        // The kernels compute in single precision.
-        return reference(x.cast(format), weight.cast(format), geometry).cast(FloatDType::F32);
+    match Compute::current().rounded() {
+        None => single(x, weight, geometry),
+        // As a GPU multiplies halves: the sums are single.
+        Some(format) if kernel::available(&x) => {
+            let round = |t: Tensor<4>| t.cast(format).cast(FloatDType::F32);
+            round(single(round(x), round(weight), geometry))
+        }
+        Some(format) => reference(x.cast(format), weight.cast(format), geometry).cast(FloatDType::F32),
     }
+}
+
+fn single(x: Tensor<4>, weight: Tensor<4>, geometry: Conv3x3) -> Tensor<4> {
     if kernel::available(&x) {
         return Tensor::from_dispatch(Dispatch::conv3x3(x.into_dispatch(), weight.into_dispatch(), geometry));
     }

@@ -109,7 +109,8 @@ fn the_maps_are_the_same_by_kernels_and_by_what_other_devices_compute() {
 #[test]
 fn half_precision_rounds_maps_and_gradients_and_no_more() {
     let device = Device::flex().autodiff();
-    // Instance normalisation divides by small deviations, which magnifies what was rounded before.
+    // Gradients jump where rounding moves a maximum or an activation to its other side. Instance normalisation divides by small
+    // deviations, which magnifies what was rounded before.
     let instance = SvbrdfNetConfig { normalisation: Normalisation::Instance, ..small(3) };
     for (config, limit) in [(small(5), 0.03), (instance, 0.3)] {
         let net = net(&config, &device);

@@ -96,6 +96,7 @@ fn half_precision_rounds_the_flow_and_no_more() {
         let size = values(flow().abs().max())[0];
         for (format, rounding) in [(Compute::F16, 1.0 / 2048.0), (Compute::Bf16, 1.0 / 256.0)] {
             let difference = largest_difference(flow(), format.within(flow));
+            println!("{format:?}: {difference:.1e} of {size:.1} px");
             assert!(difference > 0.0 && difference < 64.0 * rounding * size, "{format:?}: {difference} of {size} px");
         }
     }
