@@ -119,6 +119,7 @@ fn turned(mut normal: Planes, to_frame: &Homography, side: usize) -> Planes {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reconstruct::ReconstructError;
 
     fn located(homography: Homography, scale: f64) -> Located {
         Located { homography, scale, zncc: 0.8, significance: 40.0, runner_up: 0.1, expected_px: 0.2 }
@@ -144,6 +145,14 @@ mod tests {
         // At the photo's edge it ends there.
         let low = Homography { matrix: Matrix3::new(2.0, 0.0, -199.5, 0.0, 2.0, -39.5, 0.0, 0.0, 1.0) };
         assert!(View::new(&photo, frame, located(low, 2.0)).is_none_or(|v| v.side < 80));
+    }
+
+    #[test]
+    fn a_refusal_gives_its_reason_once_and_says_what_to_do() {
+        let refused = anyhow::Error::from(ReconstructError::Guidance(NotLocated::Ambiguous { runner_up: 0.9 }));
+        let text = format!("{refused:#}");
+        assert_eq!(text.matches("the pattern repeats").count(), 1, "{text}");
+        assert!(text.contains("--start"), "{text}");
     }
 
     #[test]

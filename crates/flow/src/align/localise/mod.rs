@@ -1,9 +1,12 @@
 //! Where the first frame of a scan lies in a guidance photo of another scale and light (paper §7, where it is set by hand).
 //!
-//! A disc of the frame is correlated with the photo at every density and rotation of a bank, both contrast-normalised and so
-//! small that the frame measures a few dozen pixels (`search`). The strongest peaks are refined on the pixels and compared
-//! (`verify`): a place counts only if the images support it far beyond chance and no other place nearly as much.
+//! A disc of the frame is correlated with the photo at every density (`search`) and rotation (`bank`), both contrast-normalised
+//! and so small that the frame measures a few dozen pixels. The strongest peaks are refined on the pixels, those that end at the
+//! same place are one, and the places are compared (`verify`): one counts only if the images support it far beyond chance and
+//! no other place nearly as much.
 
+mod bank;
+mod densities;
 mod search;
 mod verify;
 
@@ -16,6 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use super::config::PhotometricConfig;
 use super::size::Size;
+use densities::Densities;
 
 /// Where the first frame is looked for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -119,8 +123,9 @@ pub fn localise(
     config: &LocaliseConfig,
     photometric: &PhotometricConfig,
 ) -> Result<Located, NotLocated> {
-    let guesses = search::search(guidance, frame, config)?;
-    verify::best(guidance, frame, &guesses, photometric)
+    let (guidance, frame) = (Densities::new(guidance), Densities::new(frame));
+    let guesses = search::search(&guidance, &frame, config)?;
+    verify::best(&guidance, &frame, &guesses, photometric)
 }
 
 /// Refines a place that a person gave: `corners` are row and column ranges `[y0, y1, x0, x1]` of the photo that frame 0 shows.
@@ -137,7 +142,7 @@ pub fn localise_near(
     // Edges of the box to edges of the frame; pixel centres are at integers.
     let matrix = nalgebra::Matrix3::new(sx, 0.0, 0.5 * sx - 0.5 - sx * x0, 0.0, sy, 0.5 * sy - 0.5 - sy * y0, 0.0, 0.0, 1.0);
     let guess = search::Guess { homography: Homography::new(matrix), scale: (sx * sy).sqrt() };
-    verify::best(guidance, frame, &[guess], photometric)
+    verify::best(&Densities::new(guidance), &Densities::new(frame), &[guess], photometric)
 }
 
 #[cfg(test)]

@@ -47,6 +47,33 @@ fn a_frame_is_found_at_any_density_and_rotation() {
 }
 
 #[test]
+fn the_frame_itself_and_a_photo_that_shows_little_more_are_found_among_all_densities() {
+    let at = view(FRAME, 200.0, 180.0, 0.3, 1.0, 0.0);
+    let frame = lit().frame(&at, FRAME);
+    for border in [0, 6] {
+        let off = -(border as f64);
+        let around = Homography::new(at.matrix * Homography::translation(off, off).matrix);
+        let larger = Size { height: 128 + 2 * border, width: 128 + 2 * border };
+        let photo = if border == 0 { frame.clone() } else { lit().frame(&around, larger) };
+        let found = localise(&photo, &frame, &LocaliseConfig::default(), &PhotometricConfig::default()).unwrap();
+        assert!(largest_shift(&found.homography, &Homography::translation(off, off), FRAME) < 1.0, "{border}: {found:?}");
+    }
+}
+
+#[test]
+fn a_frame_is_found_in_a_photo_ten_times_as_coarse() {
+    let (fine, coarse) = (Size { height: 256, width: 256 }, Size { height: 100, width: 110 });
+    let at = view(fine, 190.0, 160.0, 0.8, 0.25, 0.0);
+    let around = view(coarse, 175.0, 180.0, -0.4, 2.5, 0.0);
+    let (photo, frame) = (Scene::new(17).frame(&around, coarse), lit().frame(&at, fine));
+    let found = localise(&photo, &frame, &LocaliseConfig::default(), &PhotometricConfig::default()).unwrap();
+    let to_photo = found.homography.inverse().unwrap();
+    // In pixels of the photo; a quarter is 2.5 pixels of the frame.
+    let error = largest_shift(&to_photo, &between(&at, &around), fine);
+    assert!(error < 0.25 && (found.scale - 10.0).abs() < 0.3, "{error}: {found:?}");
+}
+
+#[test]
 fn a_photo_of_something_else_is_refused() {
     for seed in 0..3 {
         let frame = lit().frame(&view(FRAME, 200.0, 180.0, 0.0, 1.0, 0.0), FRAME);

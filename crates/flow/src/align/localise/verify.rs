@@ -1,5 +1,6 @@
 //! Guesses refined on the pixels, and whether the best of them is believed.
 
+use nalgebra::Matrix3;
 use ops::homography::Homography;
 use ops::planes::Planes;
 use rayon::prelude::*;
@@ -8,13 +9,15 @@ use super::super::candidates::{Candidate, Origin, Step, choose};
 use super::super::config::PhotometricConfig;
 use super::super::contrast::ContrastPyramid;
 use super::super::size::Size;
+use super::densities::Densities;
 use super::search::Guess;
 use super::{Located, NotLocated};
 
-/// Sides of the frame, in pixels, between which guesses are compared at the photo's density.
-const COMPARED: [f64; 2] = [96.0, 256.0];
-/// Largest side on which the best guess is refined.
-const REFINED: f64 = 512.0;
+/// Between these sides, in pixels, lies the frame when all guesses are refined, then the best places, then the best one: as
+/// near to the photo's density as they let it.
+const SIDES: [[f64; 2]; 3] = [[64.0, 96.0], [96.0, 256.0], [96.0, 512.0]];
+/// Places that are refined on the second of these sides.
+const PLACES: usize = 12;
 /// The photo is cut out with this border, as a share of the frame's side.
 const BORDER: f64 = 0.15;
 /// The correlation of a place that is believed …
@@ -41,43 +44,64 @@ impl Tried {
     fn evidence(&self) -> f64 {
         self.step.consistency.score()
     }
+
+    /// As a guess to refine further.
+    fn again(&self, frame: Size) -> Guess {
+        Guess { homography: self.homography, scale: scale(&self.homography, frame).unwrap_or(self.guess.scale) }
+    }
 }
 
 /// The guess that the images support best, refined.
 pub(super) fn best(
-    guidance: &Planes,
-    frame: &Planes,
+    guidance: &Densities,
+    frame: &Densities,
     guesses: &[Guess],
     photometric: &PhotometricConfig,
 ) -> Result<Located, NotLocated> {
-    let tried = guesses.par_iter().filter_map(|g| try_out(guidance, frame, g, COMPARED, photometric));
-    let mut tried: Vec<Tried> = tried.filter(|t| t.step.consistency.overlap >= LEAST_OVERLAP).collect();
-    tried.sort_by(|a, b| b.evidence().total_cmp(&a.evidence()));
+    let size = frame.size();
+    let refined = |guesses: &[Guess], sides| {
+        let templates = Templates::new(frame, guesses, sides, photometric);
+        let tried = guesses.par_iter().with_max_len(1).filter_map(|g| templates.try_out(guidance, g));
+        places(tried.filter(|t| t.step.consistency.overlap >= LEAST_OVERLAP).collect(), size)
+    };
+    let first = refined(guesses, SIDES[0]);
+    let again: Vec<Guess> = first.iter().take(PLACES).map(|t| t.again(size)).collect();
+    let tried = refined(&again, SIDES[1]);
     let Some(best) = tried.first() else { return Err(NotLocated::NotFound { zncc: 0.0, significance: 0.0 }) };
     let Step { consistency, margin, .. } = best.step;
     let significance = consistency.significance();
     if consistency.zncc < LEAST_ZNCC || significance < LEAST_SIGNIFICANCE || margin < LEAST_MARGIN {
         return Err(NotLocated::NotFound { zncc: consistency.zncc, significance });
     }
-    let other = tried.iter().skip(1).find(|t| apart(t, best, Size::of(frame)));
-    let runner_up = other.map_or(0.0, |t| t.evidence().max(0.0) / best.evidence());
+    let runner_up = tried.get(1).map_or(0.0, |t| t.evidence().max(0.0) / best.evidence());
     if runner_up > LARGEST_RUNNER_UP {
         return Err(NotLocated::Ambiguous { runner_up });
     }
-    let start = Guess { homography: best.homography, ..best.guess };
-    let finer = try_out(guidance, frame, &start, [COMPARED[0], REFINED], photometric);
-    let finer = finer.filter(|t| !apart(t, best, Size::of(frame)) && t.step.consistency.significance() >= LEAST_SIGNIFICANCE);
+    let finer = refined(&[best.again(size)], SIDES[2]).into_iter().next();
+    let finer = finer.filter(|t| !apart(t, best, size) && t.step.consistency.significance() >= LEAST_SIGNIFICANCE);
     let end = finer.as_ref().unwrap_or(best);
-    let larger = frame.width as f64
-        / compared_side(frame, end.guess.scale, if finer.is_some() { [COMPARED[0], REFINED] } else { COMPARED });
+    let sides = if finer.is_some() { SIDES[2] } else { SIDES[1] };
+    let larger = size.width as f64 / compared(size, end.guess.scale, sides).width as f64;
     Ok(Located {
         homography: end.homography,
-        scale: scale(&end.homography, Size::of(frame)).unwrap_or(end.guess.scale),
+        scale: scale(&end.homography, size).unwrap_or(end.guess.scale),
         zncc: end.step.consistency.zncc,
         significance,
         runner_up,
         expected_px: end.step.expected_px * larger,
     })
+}
+
+/// The best of each place, the best place first.
+fn places(mut tried: Vec<Tried>, frame: Size) -> Vec<Tried> {
+    tried.sort_by(|a, b| b.evidence().total_cmp(&a.evidence()));
+    let mut kept: Vec<Tried> = Vec::new();
+    for t in tried {
+        if kept.iter().all(|k| apart(&t, k, frame)) {
+            kept.push(t);
+        }
+    }
+    kept
 }
 
 /// Frame pixels per photo pixel at the frame's middle.
@@ -103,51 +127,87 @@ fn apart(a: &Tried, b: &Tried, frame: Size) -> bool {
     corners.iter().any(|&(x, y)| relative(x, y).is_none_or(|d| d > APART * w.min(h)))
 }
 
-/// Side of the frame when it is compared at the photo's density.
-fn compared_side(frame: &Planes, scale: f64, [least, most]: [f64; 2]) -> f64 {
+/// Size of the frame when it is compared at the photo's density.
+fn compared(frame: Size, scale: f64, [least, most]: [f64; 2]) -> Size {
     let side = frame.width.min(frame.height) as f64;
-    (side / scale).clamp(least.min(side), most.min(side))
+    frame.limited((side / scale).clamp(least.min(side), most.min(side)).round() as usize)
 }
 
-fn try_out(
-    guidance: &Planes,
-    frame: &Planes,
-    guess: &Guess,
+/// The frame at the sizes and as sharp as guesses are compared with it.
+struct Templates<'a> {
+    frame: Size,
     sides: [f64; 2],
-    photometric: &PhotometricConfig,
-) -> Option<Tried> {
-    let side = compared_side(frame, guess.scale, sides);
-    let small = Size::of(frame).limited(side.round() as usize);
-    // The part of the photo that the frame shows, with a border, at the frame's density.
-    let back = guess.homography.inverse()?;
-    let (w, h) = (frame.width as f64, frame.height as f64);
-    let corners =
-        [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)].iter().map(|&(x, y)| back.apply(x, y)).collect::<Option<Vec<_>>>()?;
-    let border = BORDER * w.min(h) / guess.scale;
-    let range = |of: fn(&(f64, f64)) -> f64, length: usize| {
-        let low = corners.iter().map(of).fold(f64::INFINITY, f64::min) - border;
-        let high = corners.iter().map(of).fold(f64::NEG_INFINITY, f64::max) + border;
-        let (low, high) = (low.floor().clamp(0.0, length as f64), high.ceil().clamp(0.0, length as f64));
-        (low as usize, high as usize - low as usize)
-    };
-    let ((x0, width), (y0, height)) = (range(|c| c.0, guidance.width), range(|c| c.1, guidance.height));
-    if width < 16 || height < 16 {
-        return None;
+    photometric: &'a PhotometricConfig,
+    /// Each with its [`Templates::sides`].
+    pyramids: Vec<([usize; 2], ContrastPyramid)>,
+}
+
+impl<'a> Templates<'a> {
+    fn new(frame: &Densities, guesses: &[Guess], sides: [f64; 2], photometric: &'a PhotometricConfig) -> Self {
+        let mut used: Vec<[usize; 2]> = guesses.iter().map(|g| Self::sides(frame.size(), g.scale, sides)).collect();
+        used.sort_unstable();
+        used.dedup();
+        let Size { height, width } = frame.size();
+        let at = |side: usize| frame.resized([0.0, height as f64, 0.0, width as f64], frame.size().limited(side)).0;
+        let pyramid = |&[side, seen]: &[usize; 2]| {
+            // What the photo is too coarse to show must not count against it.
+            let image = if seen < side {
+                let Size { height, width } = frame.size().limited(side);
+                at(seen).resize_bilinear(height, width)
+            } else {
+                at(side)
+            };
+            ([side, seen], ContrastPyramid::new(&image, photometric))
+        };
+        Self { frame: frame.size(), sides, photometric, pyramids: used.par_iter().map(pyramid).collect() }
     }
-    let cut = guidance.crop(y0, x0, height, width);
-    let factor = guess.scale * side / w.min(h);
-    let scaled = |v: usize| ((v as f64 * factor).round() as usize).max(16);
-    let patch = Size { height: scaled(height), width: scaled(width) };
-    let source =
-        if factor < 1.0 { cut.resize_area(patch.height, patch.width) } else { cut.resize_bilinear(patch.height, patch.width) };
-    let target = frame.resize_area(small.height, small.width);
-    // Small frame → patch.
-    let to_patch = Size { height, width }.resize_matrix(patch) * Homography::translation(-(x0 as f64), -(y0 as f64)).matrix;
-    let from_small = small.resize_matrix(Size::of(frame));
-    let initial = Homography::new(to_patch * back.matrix * from_small);
-    let pyramid = |image: &Planes| ContrastPyramid::new(image, photometric);
-    let candidates = [Candidate { origin: Origin::PhaseCorrelation, homography: initial }];
-    let step = choose(&pyramid(&target), &pyramid(&source), &candidates, photometric)?;
-    let found = Homography::new(to_patch.try_inverse()? * step.homography.matrix * from_small.try_inverse()?);
-    Some(Tried { homography: found.inverse()?, guess: *guess, step })
+
+    /// Side of the frame when it is compared, and its side in pixels of the photo (in steps of a tenth), if that is less.
+    fn sides(frame: Size, scale: f64, sides: [f64; 2]) -> [usize; 2] {
+        let size = compared(frame, scale, sides);
+        let side = size.width.min(size.height);
+        let native = frame.width.min(frame.height) as f64 / scale;
+        let seen = 1.1f64.powf((native.ln() / 1.1f64.ln()).round()).round() as usize;
+        [side, seen.max(16).min(side)]
+    }
+
+    fn try_out(&self, guidance: &Densities, guess: &Guess) -> Option<Tried> {
+        let sides = Self::sides(self.frame, guess.scale, self.sides);
+        let (_, target) = self.pyramids.iter().find(|(s, _)| *s == sides)?;
+        let small = target.size();
+        let (patch, to_patch) = self.patch(guidance, guess, small)?;
+        let from_small = small.resize_matrix(self.frame);
+        let initial = Homography::new(to_patch * guess.homography.inverse()?.matrix * from_small);
+        let candidates = [Candidate { origin: Origin::PhaseCorrelation, homography: initial }];
+        let step = choose(target, &ContrastPyramid::new(&patch, self.photometric), &candidates, self.photometric)?;
+        let found = Homography::new(to_patch.try_inverse()? * step.homography.matrix * from_small.try_inverse()?);
+        Some(Tried { homography: found.inverse()?, guess: *guess, step })
+    }
+
+    /// The part of the photo that the frame shows, with a border, at the density of the frame of size `small`; and photo pixel
+    /// to its pixel.
+    fn patch(&self, guidance: &Densities, guess: &Guess, small: Size) -> Option<(Planes, Matrix3<f64>)> {
+        let back = guess.homography.inverse()?;
+        let (w, h) = (self.frame.width as f64, self.frame.height as f64);
+        let corners =
+            [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)].iter().map(|&(x, y)| back.apply(x, y)).collect::<Option<Vec<_>>>()?;
+        let border = BORDER * w.min(h) / guess.scale;
+        let range = |of: fn(&(f64, f64)) -> f64, length: usize| {
+            let low = corners.iter().map(of).fold(f64::INFINITY, f64::min) - border;
+            let high = corners.iter().map(of).fold(f64::NEG_INFINITY, f64::max) + border;
+            (low.floor().clamp(0.0, length as f64), high.ceil().clamp(0.0, length as f64))
+        };
+        let (photo, factor) = (guidance.size(), guess.scale * small.width as f64 / w);
+        let ((x0, x1), (y0, y1)) = (range(|c| c.0, photo.width), range(|c| c.1, photo.height));
+        if (x1 - x0).min(y1 - y0) * factor < 16.0 {
+            return None;
+        }
+        let scaled = |v: f64| (v * factor).round() as usize;
+        let size = Size { height: scaled(y1 - y0), width: scaled(x1 - x0) };
+        let (patch, [y0, y1, x0, x1]) = guidance.resized([y0, y1, x0, x1], size);
+        // Edges of the part to edges of the patch; pixel centres are at integers.
+        let (sx, sy) = (size.width as f64 / (x1 - x0), size.height as f64 / (y1 - y0));
+        let matrix = Matrix3::new(sx, 0.0, sx * (0.5 - x0) - 0.5, 0.0, sy, sy * (0.5 - y0) - 0.5, 0.0, 0.0, 1.0);
+        Some((patch, matrix))
+    }
 }
