@@ -66,7 +66,7 @@ pub enum ReconstructError {
     Align(#[from] AlignError),
     /// Frame 0 has no place in the guidance photo.
     #[error("{0}; `--start y0,y1,x0,x1` says by hand which rows and columns of the photo the first frame shows")]
-    Guidance(#[from] NotLocated),
+    Guidance(NotLocated),
     /// The nets refused their input.
     #[error(transparent)]
     Fusion(#[from] FusionError),
@@ -165,7 +165,8 @@ pub fn reconstruct(
     let mut align = config.align.clone();
     align.key_frame_step = (frames.len().saturating_sub(1) / (config.key_frames - 1)).max(1);
     // First of all: it takes seconds, and what it refuses would be in vain.
-    let view = guidance.map(|g| g.view(&frames[0], &config.localise, &config.align.photometric)).transpose()?;
+    let view = guidance.map(|g| g.view(&frames[0], &config.localise, &config.align.photometric)).transpose();
+    let view = view.map_err(ReconstructError::Guidance)?;
     let alignment = nets.aligner(align).align(frames, None)?;
     let aligned = || alignment.key_frames.iter().filter(|k| k.aligned());
     if aligned().next().is_none() {
