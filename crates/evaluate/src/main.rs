@@ -42,7 +42,7 @@ enum Protocol {
     Alignment(Alignment),
     /// Frame 0 of scans of held-out materials, looked for in photos of a larger area at other scales and under other light, and
     /// in photos of something else. Writes cases.json and table.md.
-    Localisation(Localisation),
+    Localisation(Measured),
     /// The maps of one scan against the truth, beside constant maps. Prints a table.
     Maps {
         /// Folder that `scan` wrote.
@@ -61,6 +61,16 @@ struct Synthetic {
     /// Folder with adjacent, distant and svbrdf weights and their manifest.json.
     #[arg(long, default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../../weights"))]
     weights: PathBuf,
+    #[command(flatten)]
+    measured: Measured,
+    /// Where the nets run; this build has `cpu`.
+    #[arg(long, default_value = "cpu")]
+    device: String,
+}
+
+/// What every protocol measures on, where its results go and how it is set.
+#[derive(clap::Args)]
+struct Measured {
     /// Folder of PBR material folders, or `procedural`.
     #[arg(long, default_value = "procedural")]
     materials: String,
@@ -70,15 +80,32 @@ struct Synthetic {
     /// Replace results that are there already.
     #[arg(long)]
     force: bool,
-    /// A setting of the protocol, e.g. `--set textured=20 --set align.key_frame_step=10`.
+    /// A setting of the protocol, e.g. `--set cases=10 --set 'scales=[1, 4]'`; `--dry-run` names them all.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     settings: Vec<String>,
     /// Print the resolved settings and stop.
     #[arg(long)]
     dry_run: bool,
-    /// Where the nets run; this build has `cpu`.
-    #[arg(long, default_value = "cpu")]
-    device: String,
+}
+
+impl Measured {
+    /// Fails where results of that name may not be replaced.
+    fn fresh(&self, name: &str) -> Result<(), Failure> {
+        if !self.force && self.out.join(name).exists() {
+            let out = self.out.display();
+            let error = anyhow::anyhow!("{out} holds results already: give another --out, or --force to replace them");
+            return Err(Failure::Usage(error));
+        }
+        Ok(())
+    }
+
+    fn library(&self, seed: u64) -> Result<MaterialLibrary, Failure> {
+        open(&self.materials, seed)
+    }
+
+    fn make_folder(&self) -> Result<(), Failure> {
+        Ok(std::fs::create_dir_all(&self.out).with_context(|| format!("making {}", self.out.display()))?)
+    }
 }
 
 #[derive(clap::Args)]
@@ -111,25 +138,6 @@ struct Alignment {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     settings: Vec<String>,
     /// Print the resolved settings and the conditions' changes, and stop.
-    #[arg(long)]
-    dry_run: bool,
-}
-
-#[derive(clap::Args)]
-struct Localisation {
-    /// Folder of PBR material folders, or `procedural`.
-    #[arg(long, default_value = "procedural")]
-    materials: String,
-    /// Folder for the results; it is made if it doesn't exist.
-    #[arg(long)]
-    out: PathBuf,
-    /// Replace results that are there already.
-    #[arg(long)]
-    force: bool,
-    /// A setting of the protocol, e.g. `--set cases=10 --set 'scales=[1, 4]'`.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    settings: Vec<String>,
-    /// Print the resolved settings and stop.
     #[arg(long)]
     dry_run: bool,
 }
@@ -170,25 +178,22 @@ fn run(Arguments { protocol }: Arguments) -> Result<(), Failure> {
 }
 
 fn synthetic_protocol(arguments: Synthetic) -> Result<(), Failure> {
-    let Synthetic { weights, materials, out, force, settings, dry_run, device } = arguments;
-    let config: SyntheticConfig = overlay(&SyntheticConfig::default(), &settings)?;
+    let Synthetic { weights, measured, device } = arguments;
+    let config: SyntheticConfig = overlay(&SyntheticConfig::default(), &measured.settings)?;
     config.validate().map_err(|e| Failure::Usage(e.into()))?;
     if device != "cpu" {
         let error = anyhow::anyhow!("--device {device}: this build has cpu only; train and evaluate run there");
         return Err(Failure::Usage(error));
     }
-    if dry_run {
+    if measured.dry_run {
         print!("{}", toml::to_string(&config).context("printing the settings")?);
         return Ok(());
     }
-    let overwrite = if force { Overwrite::Allow } else { Overwrite::Refuse };
-    if !force && out.join("summary.json").exists() {
-        let error = anyhow::anyhow!("{} holds results already: give another --out, or --force to replace them", out.display());
-        return Err(Failure::Usage(error));
-    }
-    let library = MaterialLibrary::open(&[source(&materials)?], config.seed, CACHE_BYTES).context("opening the materials")?;
+    measured.fresh("summary.json")?;
+    let overwrite = if measured.force { Overwrite::Allow } else { Overwrite::Refuse };
+    let library = measured.library(config.seed)?;
     let method = ScanNets::load(&weights, &burn::tensor::Device::flex()).context("loading the weights")?;
-    std::fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
+    measured.make_folder()?;
     let results = synthetic::run(&library, &method, &config, |r| {
         let a = flow::align::metrics::summarise(std::slice::from_ref(&r.alignment));
         println!(
@@ -203,8 +208,8 @@ fn synthetic_protocol(arguments: Synthetic) -> Result<(), Failure> {
         true
     })
     .context("running the protocol")?;
-    evaluate::output::write(&results, &out, overwrite).context("writing the results")?;
-    println!("{}", std::fs::read_to_string(out.join("table.md")).context("reading the table back")?);
+    evaluate::output::write(&results, &measured.out, overwrite).context("writing the results")?;
+    println!("{}", std::fs::read_to_string(measured.out.join("table.md")).context("reading the table back")?);
     Ok(())
 }
 
@@ -226,8 +231,7 @@ fn alignment_protocol(arguments: Alignment) -> Result<(), Failure> {
     let ((adjacent, first), (distant, second)) = (net(flow::weights::ADJACENT)?, net(flow::weights::DISTANT)?);
     let checksums =
         [first, second].into_iter().flat_map(|r| r.sha256.into_iter().chain(r.shards.into_iter().map(|s| s.sha256)));
-    let library =
-        MaterialLibrary::open(&[source(&arguments.materials)?], config.seed, CACHE_BYTES).context("opening the materials")?;
+    let library = open(&arguments.materials, config.seed)?;
     let overwrite = if arguments.force { Overwrite::Allow } else { Overwrite::Refuse };
     let common = Common::new(&config, &arguments.materials, checksums.collect());
     let store = Store::open(out, &common, overwrite).map_err(|error| match error {
@@ -258,20 +262,16 @@ fn alignment_protocol(arguments: Alignment) -> Result<(), Failure> {
     Ok(())
 }
 
-fn localisation_protocol(arguments: Localisation) -> Result<(), Failure> {
-    let Localisation { materials, out, force, settings, dry_run } = arguments;
-    let config: LocalisationConfig = overlay(&LocalisationConfig::default(), &settings)?;
+fn localisation_protocol(arguments: Measured) -> Result<(), Failure> {
+    let config: LocalisationConfig = overlay(&LocalisationConfig::default(), &arguments.settings)?;
     config.validate().map_err(|e| Failure::Usage(e.into()))?;
-    if dry_run {
+    if arguments.dry_run {
         print!("{}", toml::to_string(&config).context("printing the settings")?);
         return Ok(());
     }
-    if !force && out.join("cases.json").exists() {
-        let error = anyhow::anyhow!("{} holds results already: give another --out, or --force to replace them", out.display());
-        return Err(Failure::Usage(error));
-    }
-    let library = MaterialLibrary::open(&[source(&materials)?], config.seed, CACHE_BYTES).context("opening the materials")?;
-    std::fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
+    arguments.fresh("cases.json")?;
+    let library = arguments.library(config.seed)?;
+    arguments.make_folder()?;
     let cases = localisation::run(&library, &config, |c| {
         let error = c.error_px.map_or_else(|| "–".into(), |e| format!("{e:.1} px"));
         let photo = if c.foreign { "photo of something else" } else { "own photo" };
@@ -282,7 +282,7 @@ fn localisation_protocol(arguments: Localisation) -> Result<(), Failure> {
         );
     })
     .context("running the protocol")?;
-    localisation::write(&cases, &out, Overwrite::Allow).context("writing the results")?;
+    localisation::write(&cases, &arguments.out, Overwrite::Allow).context("writing the results")?;
     println!("{}", localisation::markdown(&cases));
     Ok(())
 }
@@ -291,7 +291,7 @@ fn compare(maps: &Path, truth: &Path, materials: &str) -> Result<(), Failure> {
     // Before the constant maps, which take seconds.
     let scanned = ScannedMaps::read(maps, truth).context("comparing the maps")?;
     let config = SyntheticConfig::default();
-    let library = MaterialLibrary::open(&[source(materials)?], config.seed, CACHE_BYTES).context("opening the materials")?;
+    let library = open(materials, config.seed)?;
     let (scans, streams) = (SequenceConfig::svbrdf(), Stream::new(config.seed));
     let constants = evaluate::baseline::constant_maps(&library, &scans, &streams, config.constant_videos)
         .context("making the constant maps")?;
@@ -301,6 +301,10 @@ fn compare(maps: &Path, truth: &Path, materials: &str) -> Result<(), Failure> {
 
 fn overlay<T: Serialize + DeserializeOwned>(base: &T, settings: &[String]) -> Result<T, Failure> {
     scan::settings::overlay(base, settings).map_err(|e| Failure::Usage(e.into()))
+}
+
+fn open(materials: &str, seed: u64) -> Result<MaterialLibrary, Failure> {
+    Ok(MaterialLibrary::open(&[source(materials)?], seed, CACHE_BYTES).context("opening the materials")?)
 }
 
 fn source(materials: &str) -> Result<SourceConfig, Failure> {

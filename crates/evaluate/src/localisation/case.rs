@@ -7,7 +7,7 @@ use dataset::path::CameraPath;
 use dataset::sequence::Sequence;
 use dataset::sequence::lights::{LightConfig, VideoLights};
 use flow::align::PhotometricConfig;
-use flow::align::localise::localise;
+use flow::align::localise::{NotLocated, localise};
 use flow::align::metrics::REFERENCE_WIDTH;
 use flow::align::size::Size;
 use ops::homography::Homography;
@@ -55,8 +55,10 @@ impl Light {
 pub enum Outcome {
     /// Within 16 pixels of the truth, at a frame width of 1024.
     Found,
-    /// No place was given.
+    /// No place was given: none was found.
     Refused,
+    /// No place was given: several fit.
+    Repeats,
     /// A place was given that isn't the frame's.
     Wrong,
 }
@@ -107,6 +109,7 @@ impl Case {
         let size = Size::of(frame);
         let error_px = found.as_ref().ok().map(|f| distance(&f.homography, &truth, size) * REFERENCE_WIDTH / size.width as f64);
         let outcome = match error_px {
+            None if matches!(found, Err(NotLocated::Ambiguous { .. })) => Outcome::Repeats,
             None => Outcome::Refused,
             Some(error) if error <= GOAL_PX && !foreign => Outcome::Found,
             Some(_) => Outcome::Wrong,

@@ -12,7 +12,6 @@ pub use case::{Case, Light, Outcome};
 pub use table::{markdown, write};
 
 use dataset::material::library::MaterialLibrary;
-use dataset::material::split::Split;
 use dataset::stream::Stream;
 use flow::align::localise::LocaliseConfig;
 use serde::{Deserialize, Serialize};
@@ -30,7 +29,8 @@ pub struct LocalisationConfig {
     pub first: usize,
     /// Sizes of a photo pixel in video pixels.
     pub scales: Vec<f64>,
-    /// Width of the photo on the surface in widths of frame 0.
+    /// Width of the photo on the surface in widths of frame 0. Tiles of generated materials repeat after 2 to 2.5 of them: a
+    /// wider photo shows the frame's place several times.
     pub cover: f64,
     /// Side of the frames in pixels.
     pub resolution: usize,
@@ -50,7 +50,7 @@ impl Default for LocalisationConfig {
             cases: 40,
             first: 0,
             scales: vec![1.0, 2.0, 5.0, 10.0],
-            cover: 4.0,
+            cover: 2.5,
             resolution: 1024,
             rotation_deg: 180.0,
             tilt_deg: 5.0,
@@ -91,10 +91,6 @@ pub fn run(
     mut progress: impl FnMut(&Case),
 ) -> Result<Vec<Case>, EvaluateError> {
     config.validate()?;
-    if library.len(Split::Test) == 0 {
-        // Says that there is no test material and what to do.
-        library.material(Split::Test, 0)?;
-    }
     let scans = AlignmentConfig { resolution: config.resolution, seed: config.seed, ..AlignmentConfig::default() };
     let streams = Stream::new(config.seed);
     let mut cases = Vec::new();

@@ -22,7 +22,8 @@ pub fn write(cases: &[Case], folder: &Path, overwrite: Overwrite) -> Result<(), 
 /// Shares of the outcomes by scale, by light and by what the materials show.
 pub fn markdown(cases: &[Case]) -> String {
     let mut text = String::from(
-        "| photos | cases | within 16 px | refused | wrong, accepted | mean error px | seconds |\n|---|---|---|---|---|---|---|\n",
+        "| photos | cases | within 16 px | refused: not found | refused: repeats | wrong, accepted | mean error px | seconds |\n\
+         |---|---|---|---|---|---|---|---|\n",
     );
     let shown: Vec<&Case> = cases.iter().filter(|c| !c.foreign && c.texture != Texture::Absent).collect();
     let mut scales: Vec<f64> = shown.iter().map(|c| c.scale).collect();
@@ -51,6 +52,6 @@ fn row(name: &str, cases: &[&Case]) -> String {
     let found: Vec<f64> = cases.iter().filter(|c| c.outcome == Outcome::Found).filter_map(|c| c.error_px).collect();
     let error = if found.is_empty() { "–".into() } else { format!("{:.2}", found.iter().sum::<f64>() / found.len() as f64) };
     let seconds = cases.iter().map(|c| c.seconds).sum::<f64>() / n;
-    let [good, refused, wrong] = [Outcome::Found, Outcome::Refused, Outcome::Wrong].map(share);
-    format!("| {name} | {} | {good:.3} | {refused:.3} | {wrong:.3} | {error} | {seconds:.1} |\n", cases.len())
+    let [good, refused, repeats, wrong] = [Outcome::Found, Outcome::Refused, Outcome::Repeats, Outcome::Wrong].map(share);
+    format!("| {name} | {} | {good:.3} | {refused:.3} | {repeats:.3} | {wrong:.3} | {error} | {seconds:.1} |\n", cases.len())
 }
