@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use burn::tensor::Device;
 use dataset::chairs::flo;
-use dataset::image_io::{Overwrite, write_exr, write_png8, write_png16};
+use dataset::image_io::{Overwrite, lens, write_exr, write_png8, write_png16};
 use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder, Vec2,
     WritableImage,
@@ -29,6 +29,7 @@ fn main() -> Result<()> {
     let corpus = PathBuf::from(std::env::args().nth(1).context("usage: fuzz_seeds FOLDER")?);
     let seeds = Seeds { corpus };
     images(&seeds)?;
+    photographs(&seeds)?;
     arrays(&seeds)?;
     chairs(&seeds)?;
     weights(&seeds)?;
@@ -110,6 +111,27 @@ fn npy(kind: &str, shape: &str, data: &[u8]) -> Vec<u8> {
 }
 
 /// Arrays, behind the byte that says how the targets read them.
+/// EXIF data of a lens of 26 mm (equivalent) and 5 mm, by themselves (TIFF) and in a JPEG without a picture.
+fn photographs(seeds: &Seeds) -> Result<()> {
+    let entry = |tag: u16, kind: u16, value: u32| {
+        [&tag.to_le_bytes()[..], &kind.to_le_bytes(), &1u32.to_le_bytes(), &value.to_le_bytes()].concat()
+    };
+    let (short, long, rational) = (3, 4, 5);
+    // The first directory points to the second, and its focal length to the two numbers at the end.
+    let first = [&1u16.to_le_bytes()[..], &entry(0x8769, long, 26), &[0; 4]].concat();
+    let fields = [(0x920a, rational, 80), (0xa002, long, 40), (0xa003, long, 30), (0xa405, short, 26)];
+    let fields: Vec<u8> = fields.into_iter().flat_map(|(tag, kind, value)| entry(tag, kind, value)).collect();
+    let second = [&4u16.to_le_bytes()[..], &fields, &[0; 4], &5000u32.to_le_bytes(), &1000u32.to_le_bytes()].concat();
+    let tiff = [&b"II*\0\x08\0\0\0"[..], &first, &second].concat();
+    let length = (tiff.len() as u16 + 8).to_be_bytes();
+    let jpeg = [&b"\xff\xd8\xff\xe1"[..], &length, b"Exif\0\0", &tiff, b"\xff\xd9"].concat();
+    for (name, bytes) in [("tiff", &tiff), ("jpeg", &jpeg)] {
+        anyhow::ensure!(lens::of_bytes(bytes).is_some(), "the {name} tells no focal length");
+        seeds.write("exif", name, bytes)?;
+    }
+    Ok(())
+}
+
 fn arrays(seeds: &Seeds) -> Result<()> {
     let bytes: Vec<u8> = (0..3 * 5 * 12).map(|i| (i * 7) as u8).collect();
     seeds.write("material_npy", "maps", &[&[12], &npy("|u1", "3, 5, 12", &bytes)[..]].concat())?;
