@@ -63,6 +63,8 @@ pub enum DropReason {
     Uncertain,
     /// The frame shows nothing of what the guidance image shows.
     NoOverlap,
+    /// The frame was placed, but doesn't look like the guidance image there.
+    UnlikeGuidance,
 }
 
 impl fmt::Display for DropReason {
@@ -72,6 +74,7 @@ impl fmt::Display for DropReason {
             Self::GuidanceWithoutTexture => "the guidance image is black, even or saturated: nothing to align to",
             Self::LostTrack => "no consistent motion leads from the guidance image to it: scan more slowly or closer",
             Self::Uncertain => "its place is too uncertain",
+            Self::UnlikeGuidance => "where it was placed, it doesn't look like the guidance image: there is too little texture",
             Self::NoOverlap => "it shows nothing of what the guidance image shows",
         })
     }

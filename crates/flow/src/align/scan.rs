@@ -23,6 +23,14 @@ const LARGEST_ERROR_SHARE: f64 = 0.05;
 /// Expected error at which a key frame's confidence is one half, as a share of the frame's width.
 const HALF_CONFIDENCE_SHARE: f64 = 0.005;
 
+/// A key frame that shows at least this share of the guidance image must resemble it …
+const JUDGED_SHARE: f64 = 0.3;
+/// … this many standard errors beyond chance on one of the finest levels: faint texture drowns in the noise of the first.
+const ALIKE_SIGNIFICANCE: f64 = 4.0;
+const JUDGED_LEVELS: usize = 3;
+/// … and this many times as many when most key frames don't.
+const LUCK: f64 = 3.0;
+
 /// The frames and the nodes to be placed: node 0 is the guidance image, node i + 1 is key frame i.
 pub(super) struct Scan {
     /// All frames, at the size of the steps between neighbours.
@@ -108,12 +116,35 @@ impl Scan {
     /// The key frames at their places, with the warnings of all steps.
     pub fn conclude(&self, Placed { places, links }: &Placed, steps: &[NeighbourStep]) -> Alignment {
         let nodes = (1..self.sizes.len()).into_par_iter();
-        let key_frames: Vec<KeyFrame> = nodes.map(|n| self.key_frame(n, &places[n])).collect();
+        let mut key_frames: Vec<KeyFrame> = nodes.map(|n| self.key_frame(n, &places[n])).collect();
+        self.drop_unlike(&mut key_frames, places);
         let replaced = steps.iter().enumerate().filter(|(_, s)| s.replaced);
         let mut warnings: Vec<Warning> = replaced.map(|(frame, _)| Warning::StepReplaced { frame }).collect();
         warnings.extend(dropped(&key_frames));
         let links = links.iter().map(|&l| self.at_full_size(l)).collect();
         Alignment { key_frames, warnings, links, guidance_filmed: self.guidance_filmed(), seconds: Seconds::default() }
+    }
+
+    /// Drops key frames that don't resemble the guidance image where they should show much of it. Those that show little of
+    /// it are no better than most of the others.
+    fn drop_unlike(&self, key_frames: &mut [KeyFrame], places: &[Option<Place>]) {
+        let alike = |(i, key): (usize, &KeyFrame)| {
+            let place = places[i + 1].filter(|_| key.aligned() && key.valid_share >= JUDGED_SHARE)?;
+            let (guidance, frame) = (&self.pyramids[0], &self.pyramids[i + 1]);
+            let significance = |level| consistency(guidance, frame, &place.homography, level).significance();
+            Some((0..JUDGED_LEVELS).map(significance).fold(0.0, f64::max))
+        };
+        let alike: Vec<Option<f64>> = key_frames.par_iter().enumerate().map(alike).collect();
+        let judged: Vec<f64> = alike.iter().flatten().copied().collect();
+        let unlike = judged.iter().filter(|s| **s < ALIKE_SIGNIFICANCE).count();
+        let mostly_unlike = 2 * unlike > judged.len();
+        // Among many that are wrong, some look right by luck.
+        let least = if mostly_unlike { LUCK * ALIKE_SIGNIFICANCE } else { ALIKE_SIGNIFICANCE };
+        for (key, alike) in key_frames.iter_mut().zip(alike) {
+            if key.aligned() && alike.map_or(mostly_unlike, |significance| significance < least) {
+                key.status = KeyFrameStatus::Dropped(DropReason::UnlikeGuidance);
+            }
+        }
     }
 
     /// Whether the guidance image is a frame of the scan.

@@ -14,7 +14,7 @@ use super::size::Size;
 use super::smooth::smoothest;
 
 /// Peaks of the phase correlation that compete.
-const PEAKS: usize = 4;
+pub const PEAKS: usize = 4;
 /// Every this many pixels a flow vector enters the fit.
 const FLOW_STRIDE: usize = 4;
 /// Area factor beyond which a step between neighbours is not believed.
@@ -66,10 +66,10 @@ pub fn from_flow(field: &FlowField, seed: u64) -> Option<Candidate> {
     Some(Candidate { origin: Origin::Net, homography })
 }
 
-/// The strongest shifts between two images.
-pub fn from_peaks(correlator: &Correlator, target: &Spectrum, source: &Spectrum) -> Vec<Candidate> {
+/// The `peaks` strongest shifts between two images.
+pub fn from_peaks(correlator: &Correlator, target: &Spectrum, source: &Spectrum, peaks: usize) -> Vec<Candidate> {
     let candidate = |(x, y)| Candidate { origin: Origin::PhaseCorrelation, homography: Homography::translation(x, y) };
-    correlator.shifts(target, source, PEAKS).into_iter().map(candidate).collect()
+    correlator.shifts(target, source, peaks).into_iter().map(candidate).collect()
 }
 
 /// All frames, ready to be compared in pairs.
@@ -89,7 +89,7 @@ impl Pairs<'_> {
     fn guesses(&self, target: usize, source: usize, net: Option<Candidate>) -> Vec<Candidate> {
         let mut guesses: Vec<Candidate> = net.into_iter().collect();
         if self.config.candidates.phase_correlation {
-            guesses.extend(from_peaks(&self.correlator, &self.spectra[target], &self.spectra[source]));
+            guesses.extend(from_peaks(&self.correlator, &self.spectra[target], &self.spectra[source], PEAKS));
         }
         if self.config.candidates.identity {
             guesses.push(Candidate { origin: Origin::Identity, homography: Homography::identity() });

@@ -11,11 +11,12 @@ use super::compose::{FlowField, chain};
 use super::config::AlignConfig;
 use super::graph::{Link, Place, adjust, shortest_paths};
 use super::phase::{Correlator, Spectrum};
+use super::photometric::warp;
 use super::planar::{PointPair, RobustFit, fit, pairs_of_flow};
 use super::scan::{Scan, masked};
 use super::sequence::Aligner;
 use super::size::{Size, overlap, resized};
-use super::steps::{NeighbourStep, from_flow, from_peaks};
+use super::steps::{NeighbourStep, PEAKS, from_flow, from_peaks};
 
 /// A key frame is linked directly to an image of which it shows at least this share.
 const LINK_OVERLAP: f64 = 0.3;
@@ -25,6 +26,12 @@ const LOOPS: usize = 3;
 const GATE_DEVIATIONS: f64 = 4.0;
 /// … and by this share of the frame's width in any case.
 const GATE_SHARE: f64 = 0.03;
+/// A displaced place is believed when its correlation with the guidance image is higher by this …
+const CLEARER_ZNCC: f64 = 0.03;
+/// … and by so many standard errors: shading makes a difference of a few.
+const CLEARER_SIGNIFICANCE: f64 = 10.0;
+/// Displaced places that are tried: the neighbours on a lattice, and those once removed.
+const PERIODS: usize = 12;
 /// Key frames before a lost one among which it is looked for.
 const SEARCHED_BACK: usize = 4;
 
@@ -83,15 +90,28 @@ impl Tracker<'_> {
         }
         let mut links: Vec<Link> = Vec::new();
         links.extend(self.step_link(before, node, search));
-        if links.is_empty() && self.config().candidates.phase_correlation {
+        if links.is_empty() && self.config().candidates.phase_correlation && self.moves_visibly(node) {
             links.extend(search.link(self.scan, node, self.config()));
         }
         let place = |links: &[Link]| links.iter().map(|l| via(l, running)).chain(predicted).reduce(better);
         let tied = links.iter().any(|l| l.target == 0);
         let near = place(&links).filter(|p| !tied && self.scan.share(node, &p.homography) >= LINK_OVERLAP);
-        links.extend(near.and_then(|p| self.guidance_link(node, &p)));
+        match near.and_then(|p| self.guidance_link(node, &p, search)) {
+            Some(Tie::Agrees(link)) => links.push(link),
+            // What led here jumped: it must not speak for the wrong place.
+            Some(Tie::Corrects(link)) => links = vec![link],
+            None => {}
+        }
         let place = place(&links);
         (place.unwrap_or(running[0]), links)
+    }
+
+    /// Whether any frame around a node can be told from its neighbour: where none can, looking elsewhere takes long and finds
+    /// nothing.
+    fn moves_visibly(&self, node: usize) -> bool {
+        let (frame, around) = (self.scan.keys[node - 1], self.config().key_frame_step);
+        let near = frame.saturating_sub(around)..(frame + around).min(self.steps.len());
+        near.is_empty() || self.steps[near].iter().any(|s| s.step.reliable())
     }
 
     /// The steps from one node to another; `None` where the first is a guidance image that isn't a frame of the scan.
@@ -126,8 +146,11 @@ impl Tracker<'_> {
             guesses.extend(search.guesses(before, node));
         }
         let link = |homography, error_px| Link { target: before, source: node, homography, error_px };
-        let direct = measure(self.scan, before, node, &guesses, self.config())
-            .filter(|s| within_gate(s, &chained, error_px, self.scan.sizes[node]));
+        let measured = measure(self.scan, before, node, &guesses, self.config());
+        if let Some(other) = measured.and_then(|s| self.displaced(before, node, &s, search)) {
+            return Some(link(other.homography, other.expected_px));
+        }
+        let direct = measured.filter(|s| within_gate(s, &chained, error_px, self.scan.sizes[node]));
         match direct {
             Some(step) if !sound || step.expected_px <= error_px => Some(link(step.homography, step.expected_px)),
             _ => sound.then(|| link(chained, error_px)),
@@ -142,15 +165,34 @@ impl Tracker<'_> {
         Some(Candidate { homography: resized(&guess.homography, (from, to), (from, to)), ..guess })
     }
 
-    /// The link to the guidance image near a prediction (spec 3.2, step 4), if the images support one.
-    fn guidance_link(&self, node: usize, predicted: &Place) -> Option<Link> {
+    /// The link to the guidance image near a prediction (spec 3.2, step 4), if the images support one. On a periodic pattern the
+    /// prediction may be a period off: then a displaced place shows clearly more of the guidance image.
+    fn guidance_link(&self, node: usize, predicted: &Place, search: &Search) -> Option<Tie> {
         let mut guesses = vec![Candidate { origin: Origin::Chain, homography: predicted.homography }];
         if let Some(net) = self.aligner.distant.filter(|_| self.config().distant) {
             guesses.extend(self.remaining_flow(net, node, &predicted.homography));
         }
         let step = measure(self.scan, 0, node, &guesses, self.config())?;
         let near = within_gate(&step, &predicted.homography, predicted.error_px, self.scan.sizes[node]);
-        near.then_some(Link { target: 0, source: node, homography: step.homography, error_px: step.expected_px })
+        let link = |s: &Step| Link { target: 0, source: node, homography: s.homography, error_px: s.expected_px };
+        match Some(step).filter(|_| near).and_then(|s| self.displaced(0, node, &s, search)) {
+            Some(other) => Some(Tie::Corrects(link(&other))),
+            None => near.then(|| Tie::Agrees(link(&step))),
+        }
+    }
+
+    /// A place some way from a measured one that shows clearly more of the target: on a periodic pattern a guess may be a
+    /// period off, and refining it finds the nearest fit.
+    fn displaced(&self, target: usize, node: usize, measured: &Step, search: &Search) -> Option<Step> {
+        if !self.config().candidates.phase_correlation {
+            return None;
+        }
+        let guesses = search.displaced(self.scan, target, node, &measured.homography);
+        let clearer = |s: &Step| {
+            s.consistency.zncc > measured.consistency.zncc + CLEARER_ZNCC
+                && s.consistency.significance() > measured.consistency.significance() + CLEARER_SIGNIFICANCE
+        };
+        measure(self.scan, target, node, &guesses, self.config()).filter(clearer)
     }
 
     /// The `distant` net's estimate of what remains after the regularised warp, superposed and made a homography again.
@@ -181,7 +223,15 @@ impl Tracker<'_> {
     }
 }
 
-/// Phase correlation between nodes, for key frames whose track was lost.
+/// A link to the guidance image.
+enum Tie {
+    /// It agrees with the prediction.
+    Agrees(Link),
+    /// It leads elsewhere, and the images say that it is right.
+    Corrects(Link),
+}
+
+/// Phase correlation between nodes, for key frames whose track was lost or jumped.
 struct Search {
     correlator: Correlator,
     spectra: Vec<Spectrum>,
@@ -196,7 +246,18 @@ impl Search {
     }
 
     fn guesses(&self, target: usize, source: usize) -> Vec<Candidate> {
-        from_peaks(&self.correlator, &self.spectra[target], &self.spectra[source])
+        from_peaks(&self.correlator, &self.spectra[target], &self.spectra[source], PEAKS)
+    }
+
+    /// Shifts of a node's image over a target's from where `place` lays it.
+    fn displaced(&self, scan: &Scan, target: usize, node: usize, place: &Homography) -> Vec<Candidate> {
+        let (Size { height, width }, source) = (scan.sizes[target], &scan.pyramids[node].levels[0]);
+        let mut warped = vec![0.0; height * width];
+        warp(source, 0, place, width, &mut warped);
+        warped.iter_mut().filter(|v| v.is_nan()).for_each(|v| *v = 0.0);
+        let spectrum = self.correlator.spectrum(&Planes::from_vec(1, height, width, warped));
+        let shifted = from_peaks(&self.correlator, &self.spectra[target], &spectrum, PERIODS).into_iter();
+        shifted.map(|c| Candidate { homography: place.after(&c.homography), ..c }).collect()
     }
 
     /// The link to the guidance image or one of the last key frames that the images support best.
@@ -264,4 +325,70 @@ fn superposed(remaining: &Planes, shared: &Mask, predicted: &Homography) -> Vec<
     };
     let through = |p: PointPair| predicted.apply(p.source[0], p.source[1]).map(|(x, y)| PointPair { source: [x, y], ..p });
     pairs_of_flow(remaining, shared, 4).into_iter().filter(ends_shared).filter_map(through).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::align::candidates::Origin;
+    use crate::align::photometric::Consistency;
+    use crate::align::result::{DropReason, KeyFrameStatus};
+    use crate::align::scene::{Scene, between, view};
+
+    const SIZE: Size = Size { height: 128, width: 128 };
+    const PERIOD: f64 = 16.0;
+
+    /// A weave of one period over a little of a texture that doesn't repeat.
+    fn weave(view: &Homography) -> Planes {
+        let mut frame = Scene { contrast: 0.1, noise: 0.01, ..Scene::new(3) }.frame(view, SIZE);
+        for (y, x) in (0..SIZE.height).flat_map(|y| (0..SIZE.width).map(move |x| (y, x))) {
+            let (u, v) = view.apply(x as f64, y as f64).unwrap();
+            let wave = |t: f64| (std::f64::consts::TAU * t / PERIOD).sin();
+            let threads = 0.2 * (wave(u) * wave(v)) as f32;
+            (0..3).for_each(|c| frame.set(c, y, x, frame.at(c, y, x) + threads));
+        }
+        frame
+    }
+
+    fn exact_step(homography: Homography) -> NeighbourStep {
+        let consistency = Consistency { zncc: 0.8, overlap: 0.9, compared: 10_000 };
+        let step = Step { origin: Origin::Net, homography, consistency, margin: 0.5, expected_px: 0.2 };
+        NeighbourStep { step, replaced: false }
+    }
+
+    #[test]
+    fn a_step_that_jumps_by_a_period_takes_no_frame_along() {
+        let views: Vec<Homography> = (0..21).map(|i| view(SIZE, 2.0 * f64::from(i), 0.0, 0.0, 1.0, 0.0)).collect();
+        let frames: Vec<Planes> = views.iter().map(weave).collect();
+        let config = AlignConfig::default();
+        let scan = Scan::new(&&frames[..], &frames[0], None, &config).unwrap();
+        let aligner = Aligner { config, adjacent: None, distant: None };
+        let mut steps: Vec<NeighbourStep> = views.windows(2).map(|w| exact_step(between(&w[0], &w[1]))).collect();
+        let jump = Homography::translation(-PERIOD, 0.0);
+        steps[7].step.homography = jump.after(&steps[7].step.homography);
+        let placed = Tracker { scan: &scan, aligner: &aligner, steps: &steps, flows: None }.place();
+        for (node, place) in placed.places.iter().enumerate().skip(1) {
+            let exact = between(&views[0], &views[scan.keys[node - 1]]);
+            let error = largest_shift(&place.unwrap().homography, &exact, SIZE);
+            assert!(error < 1.0, "key frame {node}: {error} px");
+        }
+    }
+
+    #[test]
+    fn frames_that_lie_where_the_guidance_image_looks_otherwise_are_dropped() {
+        let views: Vec<Homography> = (0..16).map(|i| view(SIZE, 3.0 * f64::from(i), 0.0, 0.0, 1.0, 0.0)).collect();
+        let frames: Vec<Planes> = views.iter().map(|v| Scene::new(8).frame(v, SIZE)).collect();
+        let scan = Scan::new(&&frames[..], &frames[0], None, &AlignConfig::default()).unwrap();
+        let concluded = |off: f64| {
+            let place = |node: usize| {
+                let exact = if node == 0 { Homography::identity() } else { between(&views[0], &views[scan.keys[node - 1]]) };
+                let wrong = Homography::translation(if node == 0 { 0.0 } else { off }, 0.0);
+                Some(Place { homography: wrong.after(&exact), error_px: 0.2 })
+            };
+            let placed = Placed { places: (0..4).map(place).collect(), links: Vec::new() };
+            scan.conclude(&placed, &[]).key_frames.iter().map(|k| k.status).collect::<Vec<_>>()
+        };
+        assert_eq!(concluded(0.0), [KeyFrameStatus::Aligned; 3]);
+        assert_eq!(concluded(37.0), [KeyFrameStatus::Dropped(DropReason::UnlikeGuidance); 3]);
+    }
 }
