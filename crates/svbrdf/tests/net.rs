@@ -112,10 +112,10 @@ fn half_precision_rounds_maps_and_gradients_and_no_more() {
     // Gradients jump where rounding moves a maximum or an activation to its other side. Instance normalisation divides by small
     // deviations, which magnifies what was rounded before.
     let instance = SvbrdfNetConfig { normalisation: Normalisation::Instance, ..small(3) };
-    for (config, limit) in [(small(5), 0.03), (instance, 0.3)] {
+    for (config, size, limit) in [(small(5), 32, 0.03), (small(5), 48, 0.03), (instance, 32, 0.3)] {
         let net = net(&config, &device);
         let step = || {
-            let maps = net.forward(frames(3, 32, 32, &device), flows(2, 32, 32, &device), None).stacked();
+            let maps = net.forward(frames(3, size, size, &device), flows(2, size, size, &device), None).stacked();
             let gradients = (maps.clone() - 0.3).square().mean().mul_scalar(1e4).backward();
             let filters = net.convolutions().map(|c| values(c.parameter().grad(&gradients).expect("every filter has one")));
             (values(maps), filters.flatten().collect::<Vec<f32>>())
@@ -126,7 +126,7 @@ fn half_precision_rounds_maps_and_gradients_and_no_more() {
         for (format, rounding) in [(Compute::F16, 1.0 / 2048.0), (Compute::Bf16, 1.0 / 256.0)] {
             let half = format.within(step);
             let (maps, gradients) = (difference(&half.0, &single.0), difference(&half.1, &single.1));
-            println!("{format:?}: maps {maps:.1e}, gradients {gradients:.1e}");
+            println!("{format:?}, {size}²: maps {maps:.1e}, gradients {gradients:.1e}");
             assert!(maps > 0.0 && maps < 16.0 * rounding, "{format:?}: maps {maps}");
             assert!(gradients > 0.0 && gradients < limit, "{format:?}: gradients {gradients}");
         }
