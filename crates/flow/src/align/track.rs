@@ -106,12 +106,12 @@ impl Tracker<'_> {
         (place.unwrap_or(running[0]), links)
     }
 
-    /// Whether any frame around a node can be told from its neighbour: where none can, looking elsewhere takes long and finds
-    /// nothing.
+    /// Whether most frames around a node can be told from their neighbours: where they can't, looking elsewhere takes long and
+    /// finds nothing.
     fn moves_visibly(&self, node: usize) -> bool {
         let (frame, around) = (self.scan.keys[node - 1], self.config().key_frame_step);
         let near = frame.saturating_sub(around)..(frame + around).min(self.steps.len());
-        near.is_empty() || self.steps[near].iter().any(|s| s.step.reliable())
+        2 * self.steps[near.clone()].iter().filter(|s| s.step.reliable()).count() >= near.len()
     }
 
     /// The steps from one node to another; `None` where the first is a guidance image that isn't a frame of the scan.
