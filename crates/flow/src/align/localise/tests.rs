@@ -84,6 +84,16 @@ fn a_photo_of_something_else_is_refused() {
 }
 
 #[test]
+fn the_same_highlight_on_an_even_surface_is_no_place() {
+    let glare = |contrast, seed, size| {
+        Scene { highlight: 0.4, noise: 0.004, contrast, ..Scene::new(seed) }.frame(&Homography::identity(), size)
+    };
+    let (frame, photo) = (glare(0.004, 1, FRAME), glare(0.004, 2, Size { height: 160, width: 160 }));
+    let refused = localise(&photo, &frame, &LocaliseConfig::default(), &PhotometricConfig::default());
+    assert!(refused.is_err(), "{refused:?}");
+}
+
+#[test]
 fn a_pattern_that_repeats_is_refused() {
     let tile = lit().frame(&Homography::identity(), Size { height: 96, width: 96 });
     let mut photo = Planes::new(3, 288, 384);

@@ -38,11 +38,17 @@ struct Tried {
     homography: Homography,
     guess: Guess,
     step: Step,
+    /// What [`Consistency::significance`](super::super::photometric::Consistency::significance) is lessened by.
+    certainty: f64,
 }
 
 impl Tried {
     fn evidence(&self) -> f64 {
         self.step.consistency.score()
+    }
+
+    fn significance(&self) -> f64 {
+        self.certainty * self.step.consistency.significance()
     }
 
     /// As a guess to refine further.
@@ -69,7 +75,7 @@ pub(super) fn best(
     let tried = refined(&again, SIDES[1]);
     let Some(best) = tried.first() else { return Err(NotLocated::NotFound { zncc: 0.0, significance: 0.0 }) };
     let Step { consistency, margin, .. } = best.step;
-    let significance = consistency.significance();
+    let significance = best.significance();
     if consistency.zncc < LEAST_ZNCC || significance < LEAST_SIGNIFICANCE || margin < LEAST_MARGIN {
         return Err(NotLocated::NotFound { zncc: consistency.zncc, significance });
     }
@@ -78,7 +84,7 @@ pub(super) fn best(
         return Err(NotLocated::Ambiguous { runner_up });
     }
     let finer = refined(&[best.again(size)], SIDES[2]).into_iter().next();
-    let finer = finer.filter(|t| !apart(t, best, size) && t.step.consistency.significance() >= LEAST_SIGNIFICANCE);
+    let finer = finer.filter(|t| !apart(t, best, size) && t.significance() >= LEAST_SIGNIFICANCE);
     let end = finer.as_ref().unwrap_or(best);
     let sides = if finer.is_some() { SIDES[2] } else { SIDES[1] };
     let larger = size.width as f64 / compared(size, end.guess.scale, sides).width as f64;
@@ -133,6 +139,23 @@ fn compared(frame: Size, scale: f64, [least, most]: [f64; 2]) -> Size {
     frame.limited((side / scale).clamp(least.min(side), most.min(side)).round() as usize)
 }
 
+/// Share, along a side, of the pixels compared that tell something of their own. Two of an enlarged image's pixels along a side
+/// hold what one did, when the normalisation has blurred them; and where a few pixels have most of the contrast, as a highlight
+/// on an even surface does, the others count for little. That highlight is in both pictures wherever they were taken.
+fn certainty(frame: &ContrastPyramid, [side, seen]: [usize; 2]) -> f64 {
+    let sharp = (2.0 * seen as f64 / side as f64).min(1.0);
+    let spread = frame.levels.iter().take(2).map(|level| spread(level.plane(0))).fold(1.0, f64::min);
+    sharp * spread.sqrt()
+}
+
+/// How evenly the contrast is spread, 0 … 1: 1 for the values of a normal distribution, of which the fourth moment is three
+/// times the second squared, or for less extreme ones.
+fn spread(plane: &[f32]) -> f64 {
+    let known = || plane.iter().filter(|v| !v.is_nan()).map(|&v| f64::from(v));
+    let [count, squares, fourths] = known().fold([0.0; 3], |[n, s, f], v| [n + 1.0, s + v * v, f + v.powi(4)]);
+    if fourths > 0.0 { (3.0 * squares * squares / (count * fourths)).min(1.0) } else { 0.0 }
+}
+
 /// The frame at the sizes and as sharp as guesses are compared with it.
 struct Templates<'a> {
     frame: Size,
@@ -181,7 +204,7 @@ impl<'a> Templates<'a> {
         let candidates = [Candidate { origin: Origin::PhaseCorrelation, homography: initial }];
         let step = choose(target, &ContrastPyramid::new(&patch, self.photometric), &candidates, self.photometric)?;
         let found = Homography::new(to_patch.try_inverse()? * step.homography.matrix * from_small.try_inverse()?);
-        Some(Tried { homography: found.inverse()?, guess: *guess, step })
+        Some(Tried { homography: found.inverse()?, guess: *guess, step, certainty: certainty(target, sides) })
     }
 
     /// The part of the photo that the frame shows, with a border, at the density of the frame of size `small`; and photo pixel
