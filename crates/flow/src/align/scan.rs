@@ -23,12 +23,12 @@ const LARGEST_ERROR_SHARE: f64 = 0.05;
 /// Expected error at which a key frame's confidence is one half, as a share of the frame's width.
 const HALF_CONFIDENCE_SHARE: f64 = 0.005;
 
-/// A key frame that shows at least this share of the guidance image must resemble it …
+/// Of the key frames that show at least this share of the guidance image, most must resemble it …
 const JUDGED_SHARE: f64 = 0.3;
 /// … this many standard errors beyond chance on one of the finest levels: faint texture drowns in the noise of the first.
 const ALIKE_SIGNIFICANCE: f64 = 4.0;
 const JUDGED_LEVELS: usize = 3;
-/// … and this many times as many when most key frames don't.
+/// … and when they don't, the others are believed only at this many times as many.
 const LUCK: f64 = 3.0;
 
 /// The frames and the nodes to be placed: node 0 is the guidance image, node i + 1 is key frame i.
@@ -125,8 +125,9 @@ impl Scan {
         Alignment { key_frames, warnings, links, guidance_filmed: self.guidance_filmed(), seconds: Seconds::default() }
     }
 
-    /// Drops key frames that don't resemble the guidance image where they should show much of it. Those that show little of
-    /// it are no better than most of the others.
+    /// Drops the key frames of a scan of which most don't resemble the guidance image where they should show much of it. One
+    /// frame alone may look otherwise in its right place: the shading of relief is reversed when the light comes from the other
+    /// side.
     fn drop_unlike(&self, key_frames: &mut [KeyFrame], places: &[Option<Place>]) {
         let alike = |(i, key): (usize, &KeyFrame)| {
             let place = places[i + 1].filter(|_| key.aligned() && key.valid_share >= JUDGED_SHARE)?;
@@ -137,11 +138,12 @@ impl Scan {
         let alike: Vec<Option<f64>> = key_frames.par_iter().enumerate().map(alike).collect();
         let judged: Vec<f64> = alike.iter().flatten().copied().collect();
         let unlike = judged.iter().filter(|s| **s < ALIKE_SIGNIFICANCE).count();
-        let mostly_unlike = 2 * unlike > judged.len();
-        // Among many that are wrong, some look right by luck.
-        let least = if mostly_unlike { LUCK * ALIKE_SIGNIFICANCE } else { ALIKE_SIGNIFICANCE };
+        if 2 * unlike <= judged.len() {
+            return;
+        }
         for (key, alike) in key_frames.iter_mut().zip(alike) {
-            if key.aligned() && alike.map_or(mostly_unlike, |significance| significance < least) {
+            // Among many that are wrong, some look right by luck.
+            if key.aligned() && alike.is_none_or(|significance| significance < LUCK * ALIKE_SIGNIFICANCE) {
                 key.status = KeyFrameStatus::Dropped(DropReason::UnlikeGuidance);
             }
         }
