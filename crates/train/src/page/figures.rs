@@ -108,11 +108,24 @@ fn row(name: &str, what: &str, goal: Option<f64>, values: &[Option<f64>]) -> Str
 
 /// Three digits after the point for shares and ratios, fewer for larger numbers.
 fn number(value: f64) -> String {
+    // A sum of nothing is −0 in IEEE arithmetic; nobody wants to read that.
+    let value = value + 0.0;
     match value.abs() {
         size if size >= 1000.0 || (value.fract() == 0.0 && size >= 2.0) => format!("{value:.0}"),
         size if size >= 10.0 => format!("{value:.1}"),
         size if size >= 0.1 || value == 0.0 => format!("{value:.3}"),
         size if size >= 1e-3 => format!("{value:.4}"),
         _ => format!("{value:.2e}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::number;
+
+    #[test]
+    fn numbers_have_the_digits_that_matter_and_zero_has_no_sign() {
+        let written = [-0.0, 0.25, 12.34, 2.0, 4321.0, 0.012_34, 1.5e-5].map(number);
+        assert_eq!(written, ["0.000", "0.250", "12.3", "2", "4321", "0.0123", "1.50e-5"]);
     }
 }
