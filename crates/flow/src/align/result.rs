@@ -63,7 +63,7 @@ pub enum DropReason {
     Uncertain,
     /// The frame shows nothing of what the guidance image shows.
     NoOverlap,
-    /// The frame was placed, but doesn't look like the guidance image there.
+    /// The frame was placed, but most frames don't look like the guidance image where they were placed.
     UnlikeGuidance,
 }
 
@@ -74,7 +74,7 @@ impl fmt::Display for DropReason {
             Self::GuidanceWithoutTexture => "the guidance image is black, even or saturated: nothing to align to",
             Self::LostTrack => "no consistent motion leads from the guidance image to it: scan more slowly or closer",
             Self::Uncertain => "its place is too uncertain",
-            Self::UnlikeGuidance => "where it was placed, it doesn't look like the guidance image: there is too little texture",
+            Self::UnlikeGuidance => "most key frames don't look like the guidance image where they were placed: there is too little texture, or other light; film closer, or begin where the surface shows more",
             Self::NoOverlap => "it shows nothing of what the guidance image shows",
         })
     }

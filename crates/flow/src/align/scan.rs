@@ -30,6 +30,8 @@ const ALIKE_SIGNIFICANCE: f64 = 4.0;
 const JUDGED_LEVELS: usize = 3;
 /// … and when they don't, the others are believed only at this many times as many.
 const LUCK: f64 = 3.0;
+/// Fewer key frames that show so much say nothing of a scan.
+const FEWEST_JUDGED: usize = 5;
 
 /// The frames and the nodes to be placed: node 0 is the guidance image, node i + 1 is key frame i.
 pub(super) struct Scan {
@@ -138,7 +140,7 @@ impl Scan {
         let alike: Vec<Option<f64>> = key_frames.par_iter().enumerate().map(alike).collect();
         let judged: Vec<f64> = alike.iter().flatten().copied().collect();
         let unlike = judged.iter().filter(|s| **s < ALIKE_SIGNIFICANCE).count();
-        if 2 * unlike <= judged.len() {
+        if judged.len() < FEWEST_JUDGED || 2 * unlike <= judged.len() {
             return;
         }
         for (key, alike) in key_frames.iter_mut().zip(alike) {

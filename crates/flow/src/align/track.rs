@@ -26,7 +26,7 @@ const LOOPS: usize = 3;
 const GATE_DEVIATIONS: f64 = 4.0;
 /// … and by this share of the frame's width in any case.
 const GATE_SHARE: f64 = 0.03;
-/// A displaced place is believed when its correlation with the guidance image is higher by this …
+/// A displaced place is believed when its correlation is higher by this …
 const CLEARER_ZNCC: f64 = 0.03;
 /// … and by so many standard errors: shading makes a difference of a few.
 const CLEARER_SIGNIFICANCE: f64 = 10.0;
@@ -88,26 +88,19 @@ impl Tracker<'_> {
         if !self.scan.textured(node) || !self.scan.textured(0) {
             return (predicted.unwrap_or(running[0]), Vec::new());
         }
-        let mut links: Vec<Link> = Vec::new();
-        links.extend(self.step_link(before, node, search));
-        if links.is_empty() && self.config().candidates.phase_correlation && self.moves_visibly(node) {
-            links.extend(search.link(self.scan, node, self.config()));
+        let mut found = Found { predicted, links: Vec::new() };
+        found.add(self.step_link(before, node, search));
+        if found.links.is_empty() && self.config().candidates.phase_correlation {
+            found.links.extend(search.link(self.scan, node, self.moves_visibly(node), self.config()));
         }
-        let place = |links: &[Link]| links.iter().map(|l| via(l, running)).chain(predicted).reduce(better);
-        let tied = links.iter().any(|l| l.target == 0);
-        let near = place(&links).filter(|p| !tied && self.scan.share(node, &p.homography) >= LINK_OVERLAP);
-        match near.and_then(|p| self.guidance_link(node, &p, search)) {
-            Some(Tie::Agrees(link)) => links.push(link),
-            // What led here jumped: it must not speak for the wrong place.
-            Some(Tie::Corrects(link)) => links = vec![link],
-            None => {}
-        }
-        let place = place(&links);
-        (place.unwrap_or(running[0]), links)
+        let tied = found.links.iter().any(|l| l.target == 0);
+        let near = found.place(running).filter(|p| !tied && self.scan.share(node, &p.homography) >= LINK_OVERLAP);
+        found.add(near.and_then(|p| self.guidance_link(node, &p, search)));
+        (found.place(running).unwrap_or(running[0]), found.links)
     }
 
-    /// Whether most frames around a node can be told from their neighbours: where they can't, looking elsewhere takes long and
-    /// finds nothing.
+    /// Whether most frames around a node can be told from their neighbours: where they can't, looking at the last key
+    /// frames takes long and finds nothing.
     fn moves_visibly(&self, node: usize) -> bool {
         let (frame, around) = (self.scan.keys[node - 1], self.config().key_frame_step);
         let near = frame.saturating_sub(around)..(frame + around).min(self.steps.len());
@@ -132,9 +125,9 @@ impl Tracker<'_> {
         Some(Place { homography: product(steps).after(&before.homography), error_px: before.error_px.hypot(error_px) })
     }
 
-    /// The link to the node before: the most consistent of the product of the steps and the composed flow, refined; where
+    /// The tie to the node before: the most consistent of the product of the steps and the composed flow, refined; where
     /// the two frames are too far apart for that, the product itself if all its steps are reliable.
-    fn step_link(&self, before: usize, node: usize, search: &Search) -> Option<Link> {
+    fn step_link(&self, before: usize, node: usize, search: &Search) -> Option<Tie> {
         let span = self.span(before, node)?;
         let steps = &self.steps[span.clone()];
         let chained = product(steps);
@@ -148,12 +141,12 @@ impl Tracker<'_> {
         let link = |homography, error_px| Link { target: before, source: node, homography, error_px };
         let measured = measure(self.scan, before, node, &guesses, self.config());
         if let Some(other) = measured.and_then(|s| self.displaced(before, node, &s, search)) {
-            return Some(link(other.homography, other.expected_px));
+            return Some(Tie::Corrects(link(other.homography, other.expected_px)));
         }
         let direct = measured.filter(|s| within_gate(s, &chained, error_px, self.scan.sizes[node]));
         match direct {
-            Some(step) if !sound || step.expected_px <= error_px => Some(link(step.homography, step.expected_px)),
-            _ => sound.then(|| link(chained, error_px)),
+            Some(step) if !sound || step.expected_px <= error_px => Some(Tie::Agrees(link(step.homography, step.expected_px))),
+            _ => sound.then(|| Tie::Agrees(link(chained, error_px))),
         }
     }
 
@@ -223,12 +216,35 @@ impl Tracker<'_> {
     }
 }
 
-/// A link to the guidance image.
+/// A link from a node to an earlier one.
 enum Tie {
     /// It agrees with the prediction.
     Agrees(Link),
     /// It leads elsewhere, and the images say that it is right.
     Corrects(Link),
+}
+
+/// What is known of a node's place.
+struct Found {
+    /// Where the steps lead.
+    predicted: Option<Place>,
+    links: Vec<Link>,
+}
+
+impl Found {
+    /// Adds a tie. What led elsewhere before one that corrects it has jumped: it must not speak for the wrong place.
+    fn add(&mut self, tie: Option<Tie>) {
+        match tie {
+            Some(Tie::Agrees(link)) => self.links.push(link),
+            Some(Tie::Corrects(link)) => *self = Self { predicted: None, links: vec![link] },
+            None => {}
+        }
+    }
+
+    /// The most certain place.
+    fn place(&self, running: &[Place]) -> Option<Place> {
+        self.links.iter().map(|l| via(l, running)).chain(self.predicted).reduce(better)
+    }
 }
 
 /// Phase correlation between nodes, for key frames whose track was lost or jumped.
@@ -260,9 +276,11 @@ impl Search {
         shifted.map(|c| Candidate { homography: place.after(&c.homography), ..c }).collect()
     }
 
-    /// The link to the guidance image or one of the last key frames that the images support best.
-    fn link(&self, scan: &Scan, node: usize, config: &AlignConfig) -> Option<Link> {
-        let recent = (node.saturating_sub(SEARCHED_BACK).max(1)..node).rev();
+    /// The link to the guidance image or, where `recent` ones are searched too, to one of the last key frames that the images
+    /// support best.
+    fn link(&self, scan: &Scan, node: usize, recent: bool, config: &AlignConfig) -> Option<Link> {
+        let back = if recent { SEARCHED_BACK } else { 0 };
+        let recent = (node.saturating_sub(back).max(1)..node).rev();
         let references: Vec<usize> = std::iter::once(0).chain(recent).filter(|&r| scan.textured(r)).collect();
         let found = references.into_par_iter().filter_map(|reference| {
             let mut guesses = self.guesses(reference, node);
@@ -328,67 +346,4 @@ fn superposed(remaining: &Planes, shared: &Mask, predicted: &Homography) -> Vec<
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::align::candidates::Origin;
-    use crate::align::photometric::Consistency;
-    use crate::align::result::{DropReason, KeyFrameStatus};
-    use crate::align::scene::{Scene, between, view};
-
-    const SIZE: Size = Size { height: 128, width: 128 };
-    const PERIOD: f64 = 16.0;
-
-    /// A weave of one period over a little of a texture that doesn't repeat.
-    fn weave(view: &Homography) -> Planes {
-        let mut frame = Scene { contrast: 0.1, noise: 0.01, ..Scene::new(3) }.frame(view, SIZE);
-        for (y, x) in (0..SIZE.height).flat_map(|y| (0..SIZE.width).map(move |x| (y, x))) {
-            let (u, v) = view.apply(x as f64, y as f64).unwrap();
-            let wave = |t: f64| (std::f64::consts::TAU * t / PERIOD).sin();
-            let threads = 0.2 * (wave(u) * wave(v)) as f32;
-            (0..3).for_each(|c| frame.set(c, y, x, frame.at(c, y, x) + threads));
-        }
-        frame
-    }
-
-    fn exact_step(homography: Homography) -> NeighbourStep {
-        let consistency = Consistency { zncc: 0.8, overlap: 0.9, compared: 10_000 };
-        let step = Step { origin: Origin::Net, homography, consistency, margin: 0.5, expected_px: 0.2 };
-        NeighbourStep { step, replaced: false }
-    }
-
-    #[test]
-    fn a_step_that_jumps_by_a_period_takes_no_frame_along() {
-        let views: Vec<Homography> = (0..21).map(|i| view(SIZE, 2.0 * f64::from(i), 0.0, 0.0, 1.0, 0.0)).collect();
-        let frames: Vec<Planes> = views.iter().map(weave).collect();
-        let config = AlignConfig::default();
-        let scan = Scan::new(&&frames[..], &frames[0], None, &config).unwrap();
-        let aligner = Aligner { config, adjacent: None, distant: None };
-        let mut steps: Vec<NeighbourStep> = views.windows(2).map(|w| exact_step(between(&w[0], &w[1]))).collect();
-        let jump = Homography::translation(-PERIOD, 0.0);
-        steps[7].step.homography = jump.after(&steps[7].step.homography);
-        let placed = Tracker { scan: &scan, aligner: &aligner, steps: &steps, flows: None }.place();
-        for (node, place) in placed.places.iter().enumerate().skip(1) {
-            let exact = between(&views[0], &views[scan.keys[node - 1]]);
-            let error = largest_shift(&place.unwrap().homography, &exact, SIZE);
-            assert!(error < 1.0, "key frame {node}: {error} px");
-        }
-    }
-
-    #[test]
-    fn frames_that_lie_where_the_guidance_image_looks_otherwise_are_dropped() {
-        let views: Vec<Homography> = (0..16).map(|i| view(SIZE, 3.0 * f64::from(i), 0.0, 0.0, 1.0, 0.0)).collect();
-        let frames: Vec<Planes> = views.iter().map(|v| Scene::new(8).frame(v, SIZE)).collect();
-        let scan = Scan::new(&&frames[..], &frames[0], None, &AlignConfig::default()).unwrap();
-        let concluded = |off: f64| {
-            let place = |node: usize| {
-                let exact = if node == 0 { Homography::identity() } else { between(&views[0], &views[scan.keys[node - 1]]) };
-                let wrong = Homography::translation(if node == 0 { 0.0 } else { off }, 0.0);
-                Some(Place { homography: wrong.after(&exact), error_px: 0.2 })
-            };
-            let placed = Placed { places: (0..4).map(place).collect(), links: Vec::new() };
-            scan.conclude(&placed, &[]).key_frames.iter().map(|k| k.status).collect::<Vec<_>>()
-        };
-        assert_eq!(concluded(0.0), [KeyFrameStatus::Aligned; 3]);
-        assert_eq!(concluded(37.0), [KeyFrameStatus::Dropped(DropReason::UnlikeGuidance); 3]);
-    }
-}
+mod tests;

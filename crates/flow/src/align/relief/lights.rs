@@ -72,9 +72,9 @@ impl Lights {
         Some(Homography::new(homography.matrix * on_pixels))
     }
 
-    /// The way of a node's light since the guidance frame, in pixels of the guidance image.
-    pub fn way_px(&self, node: usize) -> f64 {
+    /// The way of the light between two nodes, in pixels of the guidance image.
+    pub fn way_px(&self, from: usize, to: usize) -> f64 {
         let way = |a: [f64; 3], b: [f64; 3]| (a[0] / a[2] - b[0] / b[2]).hypot(a[1] / a[2] - b[1] / b[2]);
-        self.positions[0].zip(self.positions[node]).map_or(0.0, |(a, b)| self.focal_px * way(a, b))
+        self.positions[from].zip(self.positions[to]).map_or(0.0, |(a, b)| self.focal_px * way(a, b))
     }
 }

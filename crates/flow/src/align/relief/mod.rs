@@ -28,8 +28,8 @@ use super::track::Placed;
 use lights::Lights;
 use shading::Samples;
 
-/// With fewer nodes the lines through them prove nothing.
-const FEWEST_NODES: usize = 10;
+/// With fewer key frames the lines through them prove nothing.
+const FEWEST_KEY_FRAMES: usize = 10;
 /// Shorter side in pixels of the level that is slid; the displacements are global.
 const SIDE: usize = 256;
 /// Displacements are looked for up to this share of the way …
@@ -51,15 +51,17 @@ const REMAINING: f64 = 0.0015;
 /// to what the others predict. Expected errors grow by what sliding can't tell. Scans of a few key frames and with a guidance
 /// image that was lit in its own way stay as they are.
 pub(super) fn settle(scan: &Scan, placed: &mut Placed, camera: Option<&ScanCamera>) {
-    if !scan.guidance_filmed() || placed.places.iter().flatten().count() < FEWEST_NODES {
+    if !scan.guidance_filmed() {
         return;
     }
     let Some(lights) = camera.map_or_else(|| Lights::under_frames(scan, placed), |c| Lights::of(scan, c)) else { return };
     let before: Vec<Option<Homography>> = placed.places.iter().map(|p| p.map(|p| p.homography)).collect();
-    let mut stack = Stack { scan, lights, homographies: before.clone() };
-    stack.homographies.iter_mut().zip(&stack.lights.positions).skip(1).for_each(|(h, light)| {
-        *h = h.filter(|_| light.is_some());
-    });
+    let lit = before.iter().zip(&lights.positions).map(|(h, light)| h.filter(|_| light.is_some()));
+    let homographies: Vec<Option<Homography>> = lit.collect();
+    if homographies.iter().skip(1).flatten().count() < FEWEST_KEY_FRAMES {
+        return;
+    }
+    let mut stack = Stack { scan, lights, homographies };
     let coarse = scan.pyramids[0].levels.iter().position(|l| l.height.min(l.width) <= SIDE).unwrap_or(0);
     for round in 0..ROUNDS {
         stack.slide(coarse);
@@ -74,12 +76,13 @@ pub(super) fn settle(scan: &Scan, placed: &mut Placed, camera: Option<&ScanCamer
     for link in &mut placed.links {
         if let (Some(source), Some(back)) = (moved(link.source), moved(link.target).and_then(|h| h.inverse())) {
             link.homography = source.after(&link.homography).after(&back);
+            link.error_px = link.error_px.hypot(REMAINING * lights.way_px(link.target, link.source));
         }
     }
     for (node, (place, homography)) in placed.places.iter_mut().zip(&after).enumerate().skip(1) {
         if let (Some(place), Some(homography)) = (place, homography) {
             place.homography = *homography;
-            place.error_px = place.error_px.hypot(REMAINING * lights.way_px(node));
+            place.error_px = place.error_px.hypot(REMAINING * lights.way_px(0, node));
         }
     }
 }

@@ -54,7 +54,7 @@ fn the_shading_of_dark_hollows_is_told_from_motion() {
 fn a_flat_print_stays_where_it_is() {
     let scene = Scene { noise: 0.01, ..Scene::new(31) };
     let ((_, before), (_, after)) = (aligned(&scene, false), aligned(&scene, true));
-    assert!(before < 2.0 && after < before + 0.4, "{before} px as registered, {after} px settled");
+    assert!(before < 1.5 && after < before + 0.3, "{before} px as registered, {after} px settled");
 }
 
 #[test]
@@ -67,7 +67,7 @@ fn a_slide_lengthens_the_way_over_the_surface() {
     let place = Homography::translation(-30.0, 0.0);
     let slid = lights.slid(1, &place, 0.01).unwrap();
     assert_eq!(slid.apply(5.0, 6.0), Some((-24.7, 6.0)));
-    assert!((lights.way_px(1) - 30.0).abs() < 1e-9);
+    assert!((lights.way_px(0, 1) - 30.0).abs() < 1e-9);
     // A higher light sees all slopes smaller: the slide is a change of scale about what is below it.
     let higher = lights.slid(2, &Homography::identity(), 0.06).unwrap();
     let (x, y) = higher.apply(10.0, 20.0).unwrap();

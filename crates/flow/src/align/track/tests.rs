@@ -1,0 +1,64 @@
+use super::*;
+use crate::align::candidates::Origin;
+use crate::align::photometric::Consistency;
+use crate::align::result::{DropReason, KeyFrameStatus};
+use crate::align::scene::{Scene, between, view};
+
+const SIZE: Size = Size { height: 128, width: 128 };
+const PERIOD: f64 = 16.0;
+
+/// A weave of one period over a little of a texture that doesn't repeat.
+fn weave(view: &Homography) -> Planes {
+    let mut frame = Scene { contrast: 0.1, noise: 0.01, ..Scene::new(3) }.frame(view, SIZE);
+    for (y, x) in (0..SIZE.height).flat_map(|y| (0..SIZE.width).map(move |x| (y, x))) {
+        let (u, v) = view.apply(x as f64, y as f64).unwrap();
+        let wave = |t: f64| (std::f64::consts::TAU * t / PERIOD).sin();
+        let threads = 0.2 * (wave(u) * wave(v)) as f32;
+        (0..3).for_each(|c| frame.set(c, y, x, frame.at(c, y, x) + threads));
+    }
+    frame
+}
+
+/// The steps think much of themselves: a jump must be outvoted all the same.
+fn exact_step(homography: Homography) -> NeighbourStep {
+    let consistency = Consistency { zncc: 0.8, overlap: 0.9, compared: 10_000 };
+    let step = Step { origin: Origin::Net, homography, consistency, margin: 0.5, expected_px: 0.02 };
+    NeighbourStep { step, replaced: false }
+}
+
+#[test]
+fn a_step_that_jumps_by_a_period_takes_no_frame_along() {
+    let views: Vec<Homography> = (0..21).map(|i| view(SIZE, 2.0 * f64::from(i), 0.0, 0.0, 1.0, 0.0)).collect();
+    let frames: Vec<Planes> = views.iter().map(weave).collect();
+    let config = AlignConfig::default();
+    let scan = Scan::new(&&frames[..], &frames[0], None, &config).unwrap();
+    let aligner = Aligner { config, adjacent: None, distant: None };
+    let mut steps: Vec<NeighbourStep> = views.windows(2).map(|w| exact_step(between(&w[0], &w[1]))).collect();
+    let jump = Homography::translation(-PERIOD, 0.0);
+    steps[7].step.homography = jump.after(&steps[7].step.homography);
+    let placed = Tracker { scan: &scan, aligner: &aligner, steps: &steps, flows: None }.place();
+    for (node, place) in placed.places.iter().enumerate().skip(1) {
+        let exact = between(&views[0], &views[scan.keys[node - 1]]);
+        let error = largest_shift(&place.unwrap().homography, &exact, SIZE);
+        assert!(error < 1.0, "key frame {node}: {error} px");
+    }
+}
+
+#[test]
+fn frames_that_lie_where_the_guidance_image_looks_otherwise_are_dropped() {
+    let views: Vec<Homography> = (0..13).map(|i| view(SIZE, 3.0 * f64::from(i), 0.0, 0.0, 1.0, 0.0)).collect();
+    let frames: Vec<Planes> = views.iter().map(|v| Scene::new(8).frame(v, SIZE)).collect();
+    let config = AlignConfig { key_frame_step: 2, ..AlignConfig::default() };
+    let scan = Scan::new(&&frames[..], &frames[0], None, &config).unwrap();
+    let concluded = |off: f64| {
+        let place = |node: usize| {
+            let exact = if node == 0 { Homography::identity() } else { between(&views[0], &views[scan.keys[node - 1]]) };
+            let wrong = Homography::translation(if node == 0 { 0.0 } else { off }, 0.0);
+            Some(Place { homography: wrong.after(&exact), error_px: 0.2 })
+        };
+        let placed = Placed { places: (0..7).map(place).collect(), links: Vec::new() };
+        scan.conclude(&placed, &[]).key_frames.iter().map(|k| k.status).collect::<Vec<_>>()
+    };
+    assert_eq!(concluded(0.0), [KeyFrameStatus::Aligned; 6]);
+    assert_eq!(concluded(37.0), [KeyFrameStatus::Dropped(DropReason::UnlikeGuidance); 6]);
+}
