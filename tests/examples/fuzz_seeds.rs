@@ -110,7 +110,6 @@ fn npy(kind: &str, shape: &str, data: &[u8]) -> Vec<u8> {
     [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), data].concat()
 }
 
-/// Arrays, behind the byte that says how the targets read them.
 /// EXIF data of a lens of 26 mm (equivalent) and 5 mm, by themselves (TIFF) and in a JPEG without a picture.
 fn photographs(seeds: &Seeds) -> Result<()> {
     let entry = |tag: u16, kind: u16, value: u32| {
@@ -132,6 +131,7 @@ fn photographs(seeds: &Seeds) -> Result<()> {
     Ok(())
 }
 
+/// Arrays, behind the byte that says how the targets read them.
 fn arrays(seeds: &Seeds) -> Result<()> {
     let bytes: Vec<u8> = (0..3 * 5 * 12).map(|i| (i * 7) as u8).collect();
     seeds.write("material_npy", "maps", &[&[12], &npy("|u1", "3, 5, 12", &bytes)[..]].concat())?;

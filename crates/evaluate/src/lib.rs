@@ -67,7 +67,7 @@ pub enum EvaluateError {
     },
     /// A folder whose cases were measured otherwise.
     #[error(
-        "{} holds cases of other settings, materials or nets: give another --out, or --force to remove them",
+        "{} holds cases of other settings, materials, nets or another version of the aligner: give another --out, or --force to remove them",
         folder.display()
     )]
     OtherSettings {

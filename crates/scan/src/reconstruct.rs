@@ -1,7 +1,7 @@
 //! Frames → alignment → maps.
 
 use flow::align::camera::{CameraUnknown, FocalSource, KnownFocal, ScanCamera};
-use flow::align::localise::{LocaliseConfig, NotLocated};
+use flow::align::localise::{ImpossibleSetting, LocaliseConfig, NotLocated};
 use flow::align::{AlignConfig, AlignError, Alignment};
 use ops::planes::{Mask, Planes};
 use render::svbrdf::SvbrdfImage;
@@ -127,22 +127,12 @@ impl ScanConfig {
             _ if width_mm != 0.0 && !(0.1..=1e5).contains(&width_mm) => {
                 error("camera.width_mm", &width_mm, "0.1 to 100000 millimetres, or 0 for unknown")
             }
-            _ => self.check_localise(),
+            _ => self.localise.validate().map_err(|ImpossibleSetting { name, found, expected }| ReconstructError::Config {
+                name,
+                found,
+                expected,
+            }),
         }
-    }
-}
-
-impl ScanConfig {
-    fn check_localise(&self) -> Result<(), ReconstructError> {
-        let LocaliseConfig { scale: [least, most], rotation_deg } = self.localise;
-        let error = |name, found: String, expected| Err(ReconstructError::Config { name, found, expected });
-        if !(0.05 <= least && least < most && most <= 100.0) {
-            return error("localise.scale", format!("[{least}, {most}]"), "[least, most], two factors from 0.05 to 100");
-        }
-        if !(0.0..=180.0).contains(&rotation_deg) {
-            return error("localise.rotation_deg", rotation_deg.to_string(), "0 to 180 degrees");
-        }
-        Ok(())
     }
 }
 

@@ -20,14 +20,17 @@ pub struct Common {
     pub materials: String,
     /// Checksums of the nets.
     pub nets: Vec<String>,
+    /// [`flow::align::VERSION`]; 0 in folders from before there was one.
+    #[serde(default)]
+    pub aligner: u32,
 }
 
 impl Common {
-    /// Of a protocol's settings.
+    /// Of a protocol's settings and this program's aligner.
     pub fn new(config: &AlignmentConfig, materials: &str, nets: Vec<String>) -> Self {
         let config = AlignmentConfig { sequences: 0, scans: Vec::new(), ..config.clone() };
         let settings = toml::to_string(&config).expect("settings are plain values");
-        Self { settings, materials: materials.into(), nets }
+        Self { settings, materials: materials.into(), nets, aligner: flow::align::VERSION }
     }
 }
 
@@ -42,7 +45,7 @@ impl Store {
     /// `overwrite` allows it.
     ///
     /// # Errors
-    /// If the folder holds cases of other settings that may not be removed, or can't be written to.
+    /// If the folder holds cases of other settings or another aligner that may not be removed, or can't be written to.
     pub fn open(folder: &Path, common: &Common, overwrite: Overwrite) -> Result<Self, EvaluateError> {
         let (path, store) = (folder.join("settings.json"), Self { folder: folder.into() });
         let found = if path.exists() { Some(json::<Common>(&path)?) } else { None };

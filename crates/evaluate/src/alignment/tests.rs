@@ -96,6 +96,14 @@ fn a_folder_of_other_settings_is_refused_unless_forced() {
     let single = AlignmentConfig { scans: vec![41, 3], ..config.clone() };
     store(folder.path(), &single, Overwrite::Refuse).expect("and single ones");
     assert_eq!((more.numbers().len(), single.numbers()), (9, vec![41, 3]));
+    let path = folder.path().join("settings.json");
+    let own = std::fs::read_to_string(&path).unwrap();
+    let mut common: serde_json::Value = serde_json::from_str(&own).unwrap();
+    common.as_object_mut().unwrap().remove("aligner").expect("the aligner's version is among what cases have in common");
+    std::fs::write(&path, common.to_string()).unwrap();
+    let error = store(folder.path(), &config, Overwrite::Refuse).unwrap_err().to_string();
+    assert!(error.contains("aligner") && error.contains("--force"), "an earlier program's: {error}");
+    std::fs::write(&path, own).unwrap();
     let case = folder.path().join("cases/base/0000.json");
     std::fs::create_dir_all(case.parent().unwrap()).unwrap();
     std::fs::write(&case, "").unwrap();

@@ -13,7 +13,7 @@ pub use table::{markdown, write};
 
 use dataset::material::library::MaterialLibrary;
 use dataset::stream::Stream;
-use flow::align::localise::LocaliseConfig;
+use flow::align::localise::{ImpossibleSetting, LocaliseConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::EvaluateError;
@@ -76,7 +76,11 @@ impl LocalisationConfig {
             Self { resolution: r, .. } if !(64..=4096).contains(r) => error("resolution", r.to_string(), "64 to 4096 pixels"),
             Self { rotation_deg: r, .. } if !(0.0..=180.0).contains(r) => error("rotation_deg", r.to_string(), "0 to 180"),
             Self { tilt_deg: t, .. } if !(0.0..=30.0).contains(t) => error("tilt_deg", t.to_string(), "0 to 30"),
-            _ => Ok(()),
+            _ => self.localise.validate().map_err(|ImpossibleSetting { name, found, expected }| EvaluateError::Config {
+                name,
+                found,
+                expected,
+            }),
         }
     }
 }

@@ -47,11 +47,13 @@ fn shares_are_counted_by_scale_and_light() {
 
 #[test]
 fn impossible_values_are_named() {
+    let endless = LocaliseConfig { scale: [0.0, 12.5], ..LocaliseConfig::default() };
     for (config, name) in [
         (LocalisationConfig { cases: 0, ..LocalisationConfig::default() }, "cases"),
         (LocalisationConfig { scales: vec![], ..LocalisationConfig::default() }, "scales"),
         (LocalisationConfig { cover: 0.5, ..LocalisationConfig::default() }, "cover"),
         (LocalisationConfig { tilt_deg: 80.0, ..LocalisationConfig::default() }, "tilt_deg"),
+        (LocalisationConfig { localise: endless, ..LocalisationConfig::default() }, "localise.scale = [0, 12.5]: "),
     ] {
         assert!(config.validate().unwrap_err().to_string().contains(name));
     }

@@ -151,7 +151,12 @@ struct Correlation {
 
 impl Correlation {
     fn new(photo: &Planes, side: f64) -> Self {
-        let size = Size { height: smooth(photo.height), width: smooth(photo.width) };
+        let margin = (f64::from(DISC[0]) * side) as usize;
+        let disc = weights(side);
+        let reach = disc.iter().map(|([u, _], _)| u.unsigned_abs() as usize).max().unwrap_or(0);
+        // Indices wrap: the rim of a disc that reaches over one edge must not lie on the photo's other side.
+        let rim = reach.saturating_sub(margin);
+        let size = Size { height: smooth(photo.height + rim), width: smooth(photo.width + rim) };
         let transform = Transform::new(size);
         let mut values = vec![Complex32::default(); size.height * size.width];
         for y in 0..photo.height {
@@ -161,7 +166,6 @@ impl Correlation {
             }
         }
         // Weighted sums of squares and of values under the disc, as real and imaginary part.
-        let disc = weights(side);
         let total: f32 = disc.iter().map(|(_, w)| w).sum();
         let mut sums: Vec<Complex32> = values.iter().map(|v| Complex32::new(v.re * v.re, v.re)).collect();
         let mut window = vec![Complex32::default(); values.len()];
@@ -177,7 +181,6 @@ impl Correlation {
         };
         let deviation = sums.iter().map(deviation).collect();
         transform.forward(&mut values);
-        let margin = (f64::from(DISC[0]) * side) as usize;
         let inside = |length: usize| margin..length.saturating_sub(margin).max(margin);
         let square = ((SQUARE * side) as usize).max(1);
         Self { transform, spectrum: values, deviation, rows: inside(photo.height), columns: inside(photo.width), square }
@@ -233,4 +236,27 @@ fn wrapped([u, v]: [i32; 2], size: Size) -> usize {
 fn smooth(n: usize) -> usize {
     let rest = |m: usize, p: usize| std::iter::successors(Some(m), |&m| m.is_multiple_of(p).then(|| m / p)).last().unwrap_or(m);
     (n..).find(|&m| [2, 3, 5].iter().fold(m, |m, &p| rest(m, p)) == 1).unwrap_or(n)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_disc_over_one_edge_sees_nothing_of_the_other() {
+        const SIDE: usize = 40;
+        let wave = |x: usize, y: usize| ((x * 7 + y * 3) as f32 * 0.3).sin();
+        let template = Planes::from_vec(1, SIDE, SIDE, (0..SIDE * SIDE).map(|i| wave(i % SIDE, i / SIDE)).collect());
+        // 80 needs no padding to be transformed fast.
+        let at_left = |right: f32| {
+            let value = |i: usize| if i % 80 < 76 { wave(i % 80, i / 80) } else { right };
+            let photo = Planes::from_vec(1, 80, 80, (0..6400).map(value).collect());
+            let correlation = Correlation::new(&photo, SIDE as f64);
+            let disc = Disc::new(&template, 0.0);
+            let middle = correlation.rows.start + correlation.rows.len() / 2;
+            correlation.of(&[disc])[middle * correlation.transform.size.width + correlation.columns.start].re
+        };
+        let (plain, bright) = (at_left(0.0), at_left(5.0));
+        assert!(plain.abs() > 0.1 && (plain - bright).abs() < 1e-3, "{plain}, {bright}");
+    }
 }

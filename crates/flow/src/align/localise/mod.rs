@@ -38,6 +38,35 @@ impl Default for LocaliseConfig {
     }
 }
 
+/// A setting of [`LocaliseConfig`] that can't work.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ImpossibleSetting {
+    /// Its name, from `localise` on.
+    pub name: &'static str,
+    /// Its value.
+    pub found: String,
+    /// What would do.
+    pub expected: &'static str,
+}
+
+impl LocaliseConfig {
+    /// Checks the values before any work.
+    ///
+    /// # Errors
+    /// The first setting that can't work.
+    pub fn validate(&self) -> Result<(), ImpossibleSetting> {
+        let Self { scale: [least, most], rotation_deg } = *self;
+        let error = |name, found: String, expected| Err(ImpossibleSetting { name, found, expected });
+        if !(0.05 <= least && least < most && most <= 100.0) {
+            return error("localise.scale", format!("[{least}, {most}]"), "[least, most], two factors from 0.05 to 100");
+        }
+        if !(0.0..=180.0).contains(&rotation_deg) {
+            return error("localise.rotation_deg", rotation_deg.to_string(), "0 to 180 degrees");
+        }
+        Ok(())
+    }
+}
+
 /// The place of the first frame in the photo.
 #[derive(Clone, Copy, Debug)]
 pub struct Located {
@@ -110,7 +139,7 @@ impl fmt::Display for NotLocated {
 
 impl std::error::Error for NotLocated {}
 
-/// Finds a frame of a scan in a photo that shows more of the surface.
+/// Finds a frame of a scan in a photo that shows more of the surface. `config` is one that [`LocaliseConfig::validate`] lets pass.
 ///
 /// # Shapes
 /// Both have 3 gamma-encoded planes.

@@ -118,6 +118,19 @@ fn nothing_to_see_and_impossible_sizes_are_named() {
 }
 
 #[test]
+fn impossible_settings_are_named() {
+    LocaliseConfig::default().validate().unwrap();
+    for scale in [[0.0, 12.5], [2.0, 1.0], [1.0, f64::NAN], [1.0, 1e9]] {
+        let refused = LocaliseConfig { scale, ..LocaliseConfig::default() }.validate().unwrap_err();
+        assert_eq!(refused.name, "localise.scale", "{refused:?}");
+    }
+    for rotation_deg in [-1.0, 181.0, f64::NAN] {
+        let refused = LocaliseConfig { rotation_deg, ..LocaliseConfig::default() }.validate().unwrap_err();
+        assert_eq!(refused.name, "localise.rotation_deg", "{refused:?}");
+    }
+}
+
+#[test]
 fn a_box_drawn_by_hand_is_refined_or_refused() {
     let at = view(FRAME, 240.0, 180.0, 0.0, 1.0, 0.0);
     let (photo, frame) = (photo(&lit(), 2.0), lit().frame(&at, FRAME));

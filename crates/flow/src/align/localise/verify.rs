@@ -92,7 +92,7 @@ pub(super) fn best(
         homography: end.homography,
         scale: scale(&end.homography, size).unwrap_or(end.guess.scale),
         zncc: end.step.consistency.zncc,
-        significance,
+        significance: end.significance(),
         runner_up,
         expected_px: end.step.expected_px * larger,
     })
