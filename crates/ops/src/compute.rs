@@ -4,9 +4,12 @@
 //! only what enters a convolution is rounded, and its result comes back in single precision. The gradient is rounded on the
 //! same way back, before the convolution's backward passes, and reaches the parameters in single precision. Where there are
 //! [kernels](crate::kernel), they compute with the rounded numbers and sum up in single precision, as GPUs multiply halves.
+//! The transposed convolutions that enlarge flows and features in the published PWC layout (`flow::pwc`) aren't rounded: they
+//! stay in single precision.
 
 use std::cell::Cell;
 
+use crate::setting::within;
 use burn::tensor::{Device, FloatDType};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -25,6 +28,18 @@ pub enum Compute {
 }
 
 impl Compute {
+    /// All formats.
+    pub const ALL: [Self; 3] = [Self::F32, Self::F16, Self::Bf16];
+
+    /// As the config names it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::F32 => "f32",
+            Self::F16 => "f16",
+            Self::Bf16 => "bf16",
+        }
+    }
+
     /// The rounded format; `None` for single precision.
     pub(crate) fn rounded(self) -> Option<FloatDType> {
         match self {
@@ -41,8 +56,7 @@ impl Compute {
 
     /// Runs `forward` with its convolutions in this format, backward passes of what it returns included.
     pub fn within<T>(self, forward: impl FnOnce() -> T) -> T {
-        let _before = Restore(CURRENT.replace(self));
-        forward()
+        within(&CURRENT, self, forward)
     }
 
     /// The format that the calling thread computes in.
@@ -54,15 +68,6 @@ impl Compute {
 thread_local! {
     // A net's layers don't know how they are trained, so the format isn't theirs (PyTorch's `autocast` works the same way).
     static CURRENT: Cell<Compute> = const { Cell::new(Compute::F32) };
-}
-
-/// Puts the format back, even when the forward pass panics.
-struct Restore(Compute);
-
-impl Drop for Restore {
-    fn drop(&mut self) {
-        CURRENT.set(self.0);
-    }
 }
 
 #[cfg(test)]
@@ -80,7 +85,14 @@ mod tests {
     }
 
     #[test]
+    fn a_format_is_named_as_in_the_config() {
+        for format in Compute::ALL {
+            assert_eq!(serde_json::to_value(format).unwrap(), format.name());
+        }
+    }
+
+    #[test]
     fn the_cpu_computes_in_all_formats() {
-        assert!([Compute::F32, Compute::F16, Compute::Bf16].into_iter().all(|format| format.runs_on(&Device::flex())));
+        assert!(Compute::ALL.into_iter().all(|format| format.runs_on(&Device::flex())));
     }
 }

@@ -24,5 +24,6 @@ pub mod kernel;
 pub mod planes;
 pub mod process;
 pub mod resample;
+mod setting;
 pub mod warp;
 pub mod weights;

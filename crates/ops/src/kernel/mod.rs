@@ -33,6 +33,7 @@ use burn_flex::{FlexTensor, Layout};
 
 use crate::conv::Conv3x3;
 use crate::filters::EPSILON;
+use crate::setting::within;
 
 /// The functions a back end must bring to run the fast route. The `*_backward` functions are used by autodiff only.
 #[backend_extension(Autodiff, Flex)]
@@ -105,10 +106,7 @@ thread_local! {
 
 /// Runs `f` by the composed references alone, as devices without these kernels do: whole nets are compared so.
 pub fn without<T>(f: impl FnOnce() -> T) -> T {
-    let before = REFERENCES_ONLY.replace(true);
-    let result = f();
-    REFERENCES_ONLY.set(before);
-    result
+    within(&REFERENCES_ONLY, true, f)
 }
 
 fn dims(t: &FlexTensor) -> [usize; 4] {
