@@ -4,6 +4,7 @@ use crate::checkpoint::CheckpointError;
 use crate::config::{Config, ConfigError, reference};
 use crate::device::{self, DeviceError};
 use crate::export::{self, ExportError};
+use crate::fingerprint;
 use crate::import::{self, ImportError};
 use crate::interrupt;
 use crate::pipeline::{self, Ending, Part, Pipeline, RunError, batches_of};
@@ -356,7 +357,7 @@ fn resumed_config(run: &Path, assignments: &[String]) -> Result<Config, Failure>
         return Err(FolderError::Absent { path: run.into() }.into());
     }
     let (before, now) = (Config::from_file(&path, &[])?, Config::from_file(&path, assignments)?);
-    if pipeline::fingerprint(&before) != pipeline::fingerprint(&now) {
+    if fingerprint::of_run(&before) != fingerprint::of_run(&now) {
         let message = "a resumed run continues as it began: of the config only run.data_workers, run.on_nan, run.material_cache_mib, histogram_every, checkpoint.* and report.* may be set anew; start a new run with `--config` for other values";
         return Err(Failure::Usage(message.into()));
     }

@@ -10,6 +10,7 @@ pub mod config;
 pub mod curves;
 pub mod device;
 pub mod export;
+pub mod fingerprint;
 pub mod finished;
 pub mod guard;
 pub mod import;

@@ -2,6 +2,7 @@
 
 use crate::checkpoint::{CheckpointError, Store};
 use crate::config::Config;
+use crate::fingerprint;
 use crate::finished::{Finished, FinishedStage};
 use crate::recorder::{Metrics, Previews, Recorder, StatusFile, TensorBoard};
 use crate::report;
@@ -15,7 +16,6 @@ use dataset::material::{LibraryError, MaterialLibrary};
 use evaluate::EvaluateError;
 use flow::weights::{ADJACENT, DISTANT};
 use ops::weights::{Precision, WeightsError};
-use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -106,43 +106,6 @@ pub struct Pipeline<'a> {
 /// A source that can't be used.
 pub fn open_library(config: &Config) -> Result<Arc<MaterialLibrary>, LibraryError> {
     MaterialLibrary::open(&config.materials, config.run.seed, config.run.material_cache_mib << 20).map(Arc::new)
-}
-
-/// Digest of everything in a config that decides the results: a checkpoint goes on only under the same.
-pub fn fingerprint(config: &Config) -> String {
-    let mut deciding = config.clone();
-    let defaults = Config::default();
-    deciding.run.name.clear();
-    deciding.run.data_workers = defaults.run.data_workers;
-    // A run that stopped at a NaN may go on with `restore`: the steps before are the same.
-    deciding.run.on_nan = defaults.run.on_nan;
-    deciding.run.material_cache_mib = defaults.run.material_cache_mib;
-    deciding.checkpoint = defaults.checkpoint;
-    deciding.report = defaults.report;
-    digest(&deciding)
-}
-
-/// Digest of what decides the results of one part's stages: where it is the same, two runs train the same nets.
-pub fn part_fingerprint(config: &Config, part: Part) -> String {
-    let mut deciding = config.clone();
-    let defaults = Config::default();
-    match part {
-        Part::Flow => deciding.svbrdf = defaults.svbrdf,
-        Part::Svbrdf => {
-            (deciding.flow, deciding.chairs) = (defaults.flow, defaults.chairs);
-            (deciding.adjacent, deciding.distant) = (defaults.adjacent, defaults.distant);
-        }
-    }
-    fingerprint(&deciding)
-}
-
-/// Histograms decide nothing of the results, and single precision is what there was before there was a choice: both are left out
-/// as lines, so that checkpoints from before stay valid.
-fn digest(config: &Config) -> String {
-    let text = config.to_toml();
-    let old = |line: &&str| !line.starts_with("histogram_every = ") && *line != "compute = \"f32\"\n";
-    let deciding: String = text.split_inclusive('\n').filter(old).collect();
-    Sha256::digest(deciding).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Stages that depend on each other, and on no stage of the other part.
@@ -253,7 +216,7 @@ impl Pipeline<'_> {
             folder: self.folder.checkpoints(),
             keep_last: self.config.checkpoint.keep_last,
             keep_best: self.config.checkpoint.keep_best,
-            fingerprint: fingerprint(self.config),
+            fingerprint: fingerprint::of_run(self.config),
         };
         // A chosen checkpoint is of the stage the run stands in; later stages have none yet.
         let from = match self.checkpoint.take() {

@@ -1,8 +1,9 @@
 //! `--nets-of RUN`: nets that another run has trained in the very same way are taken over instead of trained again.
 
 use crate::config::{Config, ConfigError};
+use crate::fingerprint;
 use crate::finished::Finished;
-use crate::pipeline::{Part, RunError, part_fingerprint};
+use crate::pipeline::{Part, RunError};
 use crate::run_folder::{FolderError, RunFolder};
 use ops::weights::{MANIFEST, Manifest, WeightsError, file_of};
 use std::path::{Path, PathBuf};
@@ -42,7 +43,7 @@ pub fn take(folder: &RunFolder, config: &Config, run: &Path) -> Result<Vec<&'sta
         return Err(FolderError::Absent { path: run.into() }.into());
     }
     let theirs = Config::from_file(&path, &[]).map_err(TakenError::Config)?;
-    let same = |part: &Part| part_fingerprint(config, *part) == part_fingerprint(&theirs, *part);
+    let same = |part: &Part| fingerprint::of_part(config, *part) == fingerprint::of_part(&theirs, *part);
     let stages: Vec<_> = Part::ALL.into_iter().filter(same).flat_map(|part| part.trained(config)).collect();
     if stages.is_empty() {
         return Err(TakenError::Different { run: run.into() }.into());

@@ -4,6 +4,7 @@
 use super::plan::Run;
 use crate::cli::{Failure, check_start, describe_run};
 use crate::config::Config;
+use crate::fingerprint;
 use crate::pipeline;
 use crate::run_folder::RunFolder;
 use std::path::Path;
@@ -37,7 +38,7 @@ pub fn state(path: &Path, run: &Run) -> Result<State, Failure> {
         return Err(Failure::Usage(text));
     }
     let before = Config::from_file(&config, &[])?;
-    if pipeline::fingerprint(&before) != pipeline::fingerprint(&run.config) || before.report != run.config.report {
+    if fingerprint::of_run(&before) != fingerprint::of_run(&run.config) || before.report != run.config.report {
         let text = format!(
             "{} holds a run with another config: {}; give another --out, or --force to make such runs anew",
             path.display(),

@@ -2,7 +2,8 @@
 
 use super::file::Member;
 use crate::config::Config;
-use crate::pipeline::{Part, part_fingerprint};
+use crate::fingerprint;
+use crate::pipeline::Part;
 
 /// One run.
 #[derive(Debug, Clone)]
@@ -52,7 +53,7 @@ pub fn plan(members: &[Member]) -> Vec<Run> {
 }
 
 fn same(a: &Config, b: &Config, part: Part) -> bool {
-    part_fingerprint(a, part) == part_fingerprint(b, part)
+    fingerprint::of_part(a, part) == fingerprint::of_part(b, part)
 }
 
 /// Runs by how many others they wait for in a row: the first can start at once, the second after the first, and so on.
