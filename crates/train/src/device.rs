@@ -77,12 +77,17 @@ pub enum DeviceError {
         found: String,
     },
     /// The device can't compute in the config's format.
-    #[error("the device `{found}` can't compute in the format of `run.compute` ({format:?}): set `run.compute = \"f32\"`")]
+    #[error(
+        "the device `{found}` can't compute in the format `{}` of `run.compute`: set `run.compute` to {}", format.name(),
+        others.iter().map(|format| format!("`{}`", format.name())).collect::<Vec<_>>().join(" or ")
+    )]
     Format {
         /// The device.
         found: String,
         /// The format.
         format: Compute,
+        /// Formats that it can compute in.
+        others: Vec<Compute>,
     },
     /// The back end was built in but could not be started.
     #[error("the device `{found}` could not be started: {reason}; is there a driver and a card? `--device cpu` always works")]
@@ -99,7 +104,15 @@ pub enum DeviceError {
 /// # Errors
 /// It doesn't.
 pub fn check_format(device: &Device, name: &str, compute: Compute) -> Result<(), DeviceError> {
-    if compute.runs_on(device) { Ok(()) } else { Err(DeviceError::Format { found: name.into(), format: compute }) }
+    choose_format(name, compute, |format| format.runs_on(device))
+}
+
+fn choose_format(name: &str, format: Compute, runs: impl Fn(Compute) -> bool) -> Result<(), DeviceError> {
+    if runs(format) {
+        return Ok(());
+    }
+    let others = Compute::ALL.into_iter().filter(|other| runs(*other)).collect();
+    Err(DeviceError::Format { found: name.into(), format, others })
 }
 
 /// The names that `--device` knows.
@@ -268,6 +281,17 @@ mod tests {
         let text = check_batches(&devices, &[("adjacent", 2), ("svbrdf", 1)]).unwrap_err().to_string();
         assert!(text.contains("`svbrdf.optimisation.accumulate` to 2 or more"), "{text}");
         assert!(text.contains("train sweep FILE --device cuda:0,cuda:1 --jobs 2"), "{text}");
+    }
+
+    #[test]
+    fn a_format_that_a_device_lacks_is_named_as_in_the_config_with_those_it_has() {
+        let text =
+            |runs: &[Compute]| choose_format("vulkan", Compute::Bf16, |format| runs.contains(&format)).unwrap_err().to_string();
+        let both = text(&[Compute::F32, Compute::F16]);
+        assert!(both.contains("`vulkan`") && both.contains("`bf16` of `run.compute`"), "{both}");
+        assert!(both.ends_with("set `run.compute` to `f32` or `f16`"), "{both}");
+        assert!(text(&[Compute::F32]).ends_with("set `run.compute` to `f32`"));
+        assert_eq!(check_format(&Device::flex(), "cpu", Compute::Bf16), Ok(()));
     }
 
     #[test]

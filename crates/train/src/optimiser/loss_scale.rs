@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// Where the factor starts: gradients of a mean over 256² pixels are about 1e-6, the smallest half-precision number is 6e-8.
 const START: f64 = 65536.0;
-/// Good steps after which a larger factor is tried.
+/// Steps of the optimiser without overflow after which a larger factor is tried.
 const PATIENCE: u64 = 1000;
 const LARGEST: f64 = 16_777_216.0;
 
@@ -17,7 +17,7 @@ const LARGEST: f64 = 16_777_216.0;
 pub struct LossScale {
     /// The factor.
     pub factor: f64,
-    /// Steps since it last changed.
+    /// Steps of the optimiser since it last changed, however many batches each has.
     pub steps: u64,
 }
 

@@ -25,6 +25,8 @@ pub(super) struct Launched<I> {
     pub item: I,
     pub losses: Losses,
     pub gradients: Gradients,
+    /// What the loss was multiplied by before its gradients were found; they are divided by it already.
+    pub factor: f64,
 }
 
 /// The net itself, and a copy with a graph of its own on every other device.

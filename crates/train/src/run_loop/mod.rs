@@ -31,8 +31,8 @@ pub enum TrainError {
     },
     /// A loss or gradient that isn't a number.
     #[error(
-        "{stage}, step {step}: the term `{term}` is {value}. The batch (number {batch}) is in {}, with pictures and ranges beside it (.png, .json). {}.{}",
-        dump.path.display(), dump.verdict(), restored(*.restores)
+        "{stage}, step {step}: the term `{term}` is {value}. The batch (number {batch}) is in {}, with pictures and ranges beside it (.png, .json). {}.{}{}",
+        dump.path.display(), dump.verdict(), restored(*.restores), narrow(*.compute)
     )]
     NonFinite {
         /// Stage of the run.
@@ -49,6 +49,8 @@ pub enum TrainError {
         dump: Box<Dump>,
         /// How often the stage has gone back already.
         restores: usize,
+        /// Format that convolutions computed in.
+        compute: Compute,
     },
     /// A data worker.
     #[error(transparent)]
@@ -73,6 +75,15 @@ fn restored(times: usize) -> String {
     match times {
         0 => " Or set `run.on_nan = \"restore\"` to go back and leave such batches out".into(),
         times => format!(" The stage has gone back {times} times already, which doesn't help"),
+    }
+}
+
+fn narrow(compute: Compute) -> &'static str {
+    match compute {
+        Compute::F16 => {
+            ". Convolutions computed with `run.compute = \"f16\"`, whose numbers end at 65,504: a new run with `bf16` or `f32` has more room"
+        }
+        Compute::F32 | Compute::Bf16 => "",
     }
 }
 

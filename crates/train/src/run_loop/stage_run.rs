@@ -138,12 +138,13 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         while due > 0 {
             let round = self.launch(&nets, due)?;
             due -= round.len();
-            for Launched { batch, item, losses, gradients } in round {
+            for Launched { batch, item, losses, gradients, mut factor } in round {
                 let losses = losses.numbers();
                 let mut gradients = gradients.moved_to(&self.around.device);
                 norm = gradients.norm();
-                while self.overflowed(&losses, norm) {
+                while self.again(&losses, norm, factor) {
                     let main = self.around.device.clone();
+                    factor = self.state.loss_scale.factor;
                     gradients = self.backward(&nets[0], &main, batch, &item)?.1;
                     norm = gradients.norm();
                 }
@@ -188,11 +189,12 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         let mut round = Vec::with_capacity(nets.len());
         for (net, device) in nets.iter().zip(devices).take(due) {
             let (batch, item) = self.take()?;
+            let factor = self.state.loss_scale.factor;
             let (losses, gradients) = self.backward(net, &device, batch, &item)?;
             if nets.len() > 1 {
                 begin(&device).map_err(|source| self.failure(source))?;
             }
-            round.push(Launched { batch, item, losses, gradients });
+            round.push(Launched { batch, item, losses, gradients, factor });
         }
         Ok(round)
     }
@@ -216,21 +218,26 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         Ok((losses, found))
     }
 
-    /// Whether the batch is to be computed again with the smaller factor on the loss that it has been given now: half precision
-    /// has overflowed in its gradient, whose norm is `norm`.
-    fn overflowed(&mut self, losses: &[(String, f64)], norm: f32) -> bool {
+    /// Whether a batch is to be computed again with the factor on the loss that holds now, after one with `factor` gave a gradient
+    /// of `norm`: half precision has overflowed in it, or in a batch before it that another device had at the same time. One
+    /// device would have begun this one with the smaller factor.
+    fn again(&mut self, losses: &[(String, f64)], norm: f32, factor: f64) -> bool {
         if self.around.compute != Compute::F16 || guard::check_losses(losses).is_err() {
             return false;
         }
         let scale = self.state.loss_scale;
-        let smaller = scale.halved().filter(|_| !norm.is_finite());
-        self.state.loss_scale = smaller.unwrap_or_else(|| scale.stepped());
-        smaller.is_some()
+        if factor == scale.factor && !norm.is_finite() {
+            self.state.loss_scale = scale.halved().unwrap_or(scale);
+        }
+        factor != self.state.loss_scale.factor
     }
 
     fn update(&mut self, gradients: Gradients, learning_rate: f64) -> Result<(), TrainError> {
         let new = self.adam.step(values(&self.net), gradients, learning_rate);
         self.state.step += 1;
+        if self.around.compute == Compute::F16 {
+            self.state.loss_scale = self.state.loss_scale.stepped();
+        }
         self.state.adam_time = self.adam.time;
         if let Some(average) = &mut self.average {
             average.update(&new, self.state.step);
@@ -270,8 +277,8 @@ impl<'s, 'b, S: Stage> StageRun<'s, 'b, S> {
         let BadStep { found: NonFinite { term, value }, batch, dump } = bad;
         let mut skipped = self.state.skipped.clone();
         if self.around.on_nan == OnNan::Stop || skipped.len() >= MOST_RESTORES {
-            let (step, restores, dump) = (self.state.step, skipped.len(), Box::new(dump));
-            return Err(TrainError::NonFinite { stage: name, step, term, value, batch, dump, restores });
+            let (step, restores, dump, compute) = (self.state.step, skipped.len(), Box::new(dump), self.around.compute);
+            return Err(TrainError::NonFinite { stage: name, step, term, value, batch, dump, restores, compute });
         }
         skipped.push(batch);
         let from = self.around.store.newest(name, &self.around.device)?;

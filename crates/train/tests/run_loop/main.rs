@@ -247,6 +247,37 @@ fn a_run_in_half_precision_goes_on_to_the_last_bit_and_with_its_factor() {
     }
 }
 
+/// Four batches of a step are begun at once with the same factor, which the first of them halves.
+#[test]
+fn half_precision_finds_the_same_factor_on_several_devices_as_on_one() {
+    let stage = Slope { steps: 3, plan: Slope::plan(1e-4, 4, 0.0) };
+    let result = |devices| {
+        let (_home, folder) = new_run("run");
+        let trained = finished(run(&folder, &stage, &Options { compute: Compute::F16, devices, ..Options::default() }));
+        (curve(&folder), loss_scale(&folder), trained.measured[0].1.to_bits())
+    };
+    let alone = result(1);
+    // The gradient of 8, the last of the second step, was the first that 8,192 took beyond 65,504.
+    assert_eq!(alone.1, LossScale { factor: 4096.0, steps: 2 });
+    for devices in [2, 3, 4] {
+        assert_eq!(result(devices), alone, "{devices} devices");
+    }
+}
+
+#[test]
+fn numbers_that_go_bad_in_half_precision_point_at_the_format() {
+    for (poisoned, steep) in [(vec![12], vec![]), (vec![], vec![12])] {
+        for (compute, named) in [(Compute::F16, true), (Compute::F32, false)] {
+            let (_home, folder) = new_run("run");
+            let mut stage = Toy::new(20);
+            (stage.poisoned, stage.steep) = (poisoned.clone(), steep.clone());
+            let Err(error) = run(&folder, &stage, &Options { compute, ..Options::default() }) else { panic!("it went on") };
+            assert!(matches!(error, TrainError::NonFinite { batch: 12, .. }), "{error}");
+            assert_eq!(error.to_string().contains("run.compute"), named, "{error}");
+        }
+    }
+}
+
 #[test]
 fn a_loss_that_is_not_a_number_stops_with_step_term_and_dump() {
     let (_home, folder) = new_run("run");
