@@ -95,7 +95,15 @@ pub enum EvaluateError {
         "encoding a scan as a video: {reason}. It needs ffmpeg with the codec (Debian, Ubuntu: `apt install ffmpeg`); \
          --conditions chooses rows that need none"
     )]
+    NoEncoder {
+        /// What is missing.
+        reason: String,
+    },
+    /// A scan that can't be encoded.
+    #[error("encoding a scan as a video in {}: {reason}", folder.display())]
     Encoding {
+        /// The folder of the video.
+        folder: PathBuf,
         /// Why not.
         reason: String,
     },

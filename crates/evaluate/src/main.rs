@@ -126,6 +126,7 @@ struct Alignment {
     #[arg(long, default_value_t = AlignmentConfig::default().resolution)]
     resolution: usize,
     /// Conditions or groups of them, separated by commas: base, scans, ablation, all, or names of rows, e.g. `base,roll`.
+    /// The row h264 (in scans and all) needs ffmpeg with libx264, which is looked for before anything is measured.
     #[arg(long, default_value = "base")]
     conditions: String,
     /// Write frames and exact warps too, for other programs.

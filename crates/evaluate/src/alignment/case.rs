@@ -1,14 +1,11 @@
 //! One scan under one condition.
 
-use std::borrow::Cow;
-
 use dataset::material::texture::Texture;
 use dataset::sequence::{FrameWarp, Sequence};
 use flow::align::metrics::{REFERENCE_WIDTH, ScanErrors, summarise};
 use flow::align::size::Size;
-use flow::align::{Aligner, Alignment, DropReason, Footage, KeyFrameStatus, Seconds};
+use flow::align::{Aligner, Alignment, DropReason, KeyFrameStatus, Seconds};
 use flow::weights::FlowNets;
-use ops::planes::Planes;
 use serde::{Deserialize, Serialize};
 
 use crate::EvaluateError;
@@ -17,7 +14,7 @@ use crate::report::Figures;
 use super::AlignmentConfig;
 use super::camera;
 use super::conditions::Condition;
-use super::film::Film;
+use super::footage::footage;
 
 /// An accepted scan or key frame with a larger mean error, in pixels at a width of 1024, is wrong.
 const WRONG_PX: f64 = 10.0;
@@ -63,27 +60,11 @@ pub struct KeyFrameRecord {
     pub error_px: Option<f64>,
 }
 
-/// A scan that is rendered while it is read.
-struct Rendered<'a> {
-    sequence: &'a Sequence,
-    resolution: usize,
-}
-
-impl Footage for Rendered<'_> {
-    fn count(&self) -> usize {
-        self.sequence.len()
-    }
-
-    fn frame(&self, index: usize) -> Cow<'_, Planes> {
-        Cow::Owned(self.sequence.frame(index, self.resolution))
-    }
-}
-
 impl Case {
     /// Renders a scan, aligns it and compares it with the exact warps.
     ///
     /// # Errors
-    /// If the aligner refuses its settings.
+    /// If the aligner refuses its settings, or the scan can't be encoded.
     pub fn measure(
         condition: &Condition,
         index: usize,
@@ -92,11 +73,7 @@ impl Case {
         config: &AlignmentConfig,
     ) -> Result<Self, EvaluateError> {
         let aligner = Aligner { config: config.align.clone(), adjacent: Some(&nets.adjacent), distant: Some(&nets.distant) };
-        let alignment = if config.encoding.encodes() {
-            aligner.align_footage(&Film::shoot(sequence, config.resolution, &config.encoding)?, None)?
-        } else {
-            aligner.align_footage(&Rendered { sequence, resolution: config.resolution }, None)?
-        };
+        let alignment = aligner.align_footage(&*footage(sequence, config)?, None)?;
         let warps: Vec<FrameWarp> = alignment.key_frames.iter().map(|k| sequence.warp(0, k.index, config.resolution)).collect();
         let step = config.align.key_frame_step;
         let exact = |frame: usize, x: f64, y: f64| warps[frame / step - 1].apply(x, y);

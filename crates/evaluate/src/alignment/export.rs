@@ -12,6 +12,7 @@ use crate::EvaluateError;
 
 use super::AlignmentConfig;
 use super::conditions::Condition;
+use super::footage::footage;
 
 /// Name of the file with the exact warps.
 const TRUTH: &str = "truth.json";
@@ -69,9 +70,10 @@ fn write(sequence: &Sequence, config: &AlignmentConfig, condition: &Condition, f
     let key_frames = exact.collect::<Result<Vec<KeyFrame>, EvaluateError>>()?;
     let (material, texture) = (sequence.material(), sequence.texture());
     let truth = Truth { material, texture, resolution: config.resolution, key_frames };
-    for frame in 0..sequence.len() {
+    let footage = footage(sequence, config)?;
+    for frame in 0..footage.count() {
         let path = folder.join(format!("frame-{frame:04}.png"));
-        write_png8(&path, &sequence.frame(frame, config.resolution), Overwrite::Allow)?;
+        write_png8(&path, &footage.frame(frame), Overwrite::Allow)?;
     }
     let json = serde_json::to_vec_pretty(&truth).expect("plain values");
     // Comes last: where it is, the frames are whole.

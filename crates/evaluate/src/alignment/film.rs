@@ -1,7 +1,6 @@
 //! Scans as a phone stores them: encoded to a video and decoded again by ffmpeg.
 
 use std::borrow::Cow;
-use std::ffi::OsStr;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::Path;
@@ -49,21 +48,56 @@ impl Encoding {
     /// # Errors
     /// Names the first value that can't work.
     pub fn validate(&self) -> Result<(), EvaluateError> {
+        if self.codec.trim().is_empty() {
+            let expected = "ffmpeg's name of an encoder, such as libx264, or none";
+            return Err(EvaluateError::Config { name: "encoding.codec", found: format!("{:?}", self.codec), expected });
+        }
         if !(0.001..=24.0).contains(&self.bits_per_pixel) {
             let found = self.bits_per_pixel.to_string();
             return Err(EvaluateError::Config { name: "encoding.bits_per_pixel", found, expected: "0.001 to 24 bits" });
         }
         Ok(())
     }
+
+    /// Encodes a grey frame, if there is an encoder, to see whether it can be run.
+    ///
+    /// # Errors
+    /// [`EvaluateError::NoEncoder`] if ffmpeg or its encoder isn't there, others if it refuses.
+    pub fn probe(&self) -> Result<(), EvaluateError> {
+        const SIDE: usize = 64;
+        if !self.encodes() {
+            return Ok(());
+        }
+        let folder = temporary()?;
+        self.encode(&folder.path().join("grey.mp4"), SIDE, |pipe| pipe.write_all(&[128; 3 * SIDE * SIDE]))
+    }
+
+    /// Encodes the frames that `feed` writes, as interleaved 8-bit RGB.
+    fn encode(
+        &self,
+        video: &Path,
+        side: usize,
+        feed: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
+    ) -> Result<(), EvaluateError> {
+        let size = format!("{side}x{side}");
+        let bits = format!("{}", (self.bits_per_pixel * (side * side) as f64 * RATE).ceil());
+        let mut command = ffmpeg();
+        command.args(["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", &size, "-r", &format!("{RATE}"), "-i", "-"]);
+        command.args(["-c:v", &self.codec, "-b:v", &bits, "-pix_fmt", "yuv420p"]).arg(video).stdout(Stdio::null());
+        run(command, video.parent().unwrap_or(video), feed)
+    }
 }
 
-/// A decoded scan on disk, read frame by frame.
+fn temporary() -> Result<TempDir, EvaluateError> {
+    tempfile::tempdir().map_err(|source| EvaluateError::Folder { folder: std::env::temp_dir(), source })
+}
+
+/// A decoded scan on disk, read frame by frame: 3 bytes per pixel, 443 MB for 141 frames of 1024², among the temporary files.
+/// It has no name there, so that it goes with the program however that ends.
 pub struct Film {
     frames: Mutex<File>,
     count: usize,
     side: usize,
-    /// Goes with everything in it.
-    _folder: TempDir,
 }
 
 impl Film {
@@ -73,26 +107,23 @@ impl Film {
     /// If ffmpeg isn't there or refuses, or the temporary folder can't be written to.
     pub fn shoot(sequence: &Sequence, side: usize, encoding: &Encoding) -> Result<Self, EvaluateError> {
         encoding.validate()?;
-        let folder = tempfile::tempdir().map_err(|source| EvaluateError::Folder { folder: std::env::temp_dir(), source })?;
-        let (video, raw) = (folder.path().join("scan.mp4"), folder.path().join("scan.rgb"));
-        let size = format!("{side}x{side}");
-        let bits = format!("{}", (encoding.bits_per_pixel * (side * side) as f64 * RATE).ceil());
-        let rate = format!("{RATE}");
-        let raw_video = ["-f", "rawvideo", "-pix_fmt", "rgb24"];
-        let encode = [&raw_video[..], &["-s", &size, "-r", &rate, "-i", "-"]].concat();
-        let to_video = ["-c:v", &encoding.codec, "-b:v", &bits, "-pix_fmt", "yuv420p"];
-        ffmpeg(&encode, None, &to_video, &video, |pipe| {
+        let folder = temporary()?;
+        let video = folder.path().join("scan.mp4");
+        encoding.encode(&video, side, |pipe| {
             (0..sequence.len()).try_for_each(|frame| pipe.write_all(&bytes(&sequence.frame(frame, side))))
         })?;
-        ffmpeg(&[], Some(&video), &raw_video, &raw, |_| Ok(()))?;
-        let failed = |source| EvaluateError::Folder { folder: folder.path().into(), source };
-        let frames = File::open(&raw).map_err(failed)?;
-        let (found, expected) = (frames.metadata().map_err(failed)?.len(), (sequence.len() * side * side * 3) as u64);
+        let failed = |source| EvaluateError::Folder { folder: std::env::temp_dir(), source };
+        let raw = tempfile::tempfile().map_err(failed)?;
+        let mut command = ffmpeg();
+        command.arg("-i").arg(&video).args(["-f", "rawvideo", "-pix_fmt", "rgb24", "-"]);
+        command.stdout(raw.try_clone().map_err(failed)?);
+        run(command, folder.path(), |_| Ok(()))?;
+        let (found, expected) = (raw.metadata().map_err(failed)?.len(), (sequence.len() * side * side * 3) as u64);
         if found != expected {
             let reason = format!("{found} bytes came back where {expected} were expected: frames were lost or added");
-            return Err(EvaluateError::Encoding { reason });
+            return Err(EvaluateError::Encoding { folder: folder.path().into(), reason });
         }
-        Ok(Self { frames: Mutex::new(frames), count: sequence.len(), side, _folder: folder })
+        Ok(Self { frames: Mutex::new(raw), count: sequence.len(), side })
     }
 }
 
@@ -123,32 +154,41 @@ fn bytes(frame: &Planes) -> Vec<u8> {
     (0..3 * area).map(|i| (frame.data[(i % 3) * area + i / 3].clamp(0.0, 1.0) * 255.0).round() as u8).collect()
 }
 
-/// Runs ffmpeg with one input, a file or what `feed` writes, and one output.
-fn ffmpeg(
-    before: &[&str],
-    input: Option<&Path>,
-    after: &[&str],
-    output: &Path,
+fn ffmpeg() -> Command {
+    let mut command = Command::new("ffmpeg");
+    command.args(["-hide_banner", "-v", "error", "-y"]);
+    command
+}
+
+/// Runs ffmpeg on what `feed` writes; `folder` is where it writes to.
+pub(super) fn run(
+    mut command: Command,
+    folder: &Path,
     feed: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
 ) -> Result<(), EvaluateError> {
-    let fail = |reason: String| EvaluateError::Encoding { reason };
-    let mut command = Command::new("ffmpeg");
-    command.args(["-hide_banner", "-v", "error", "-y"]).args(before);
-    if let Some(path) = input {
-        command.args([OsStr::new("-i"), path.as_os_str()]);
-    }
-    command.args(after).arg(output).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
-    let mut running = command.spawn().map_err(|e| fail(format!("`ffmpeg` can't be started ({e}); is it on the PATH?")))?;
+    let fail = |reason: String| EvaluateError::Encoding { folder: folder.into(), reason };
+    let spawned = command.stdin(Stdio::piped()).stderr(Stdio::piped()).spawn();
+    let mut running = spawned.map_err(|e| EvaluateError::NoEncoder { reason: format!("`ffmpeg` can't be started: {e}") })?;
+    // Drained beside the frames, or a talkative encoder would block on a full pipe. A bounded part is enough for messages.
+    let stderr = running.stderr.take();
+    let complaint = std::thread::spawn(move || {
+        let mut text = Vec::new();
+        if let Some(mut stderr) = stderr {
+            let _ = stderr.by_ref().take(1 << 16).read_to_end(&mut text);
+            let _ = std::io::copy(&mut stderr, &mut std::io::sink());
+        }
+        String::from_utf8_lossy(&text).trim().to_string()
+    });
+    // Ends the pipe, too.
     let fed = running.stdin.take().map_or(Ok(()), |mut pipe| feed(&mut pipe));
-    let ended = running.wait_with_output().map_err(|e| fail(e.to_string()))?;
-    let complaint = String::from_utf8_lossy(&ended.stderr);
-    match (ended.status.success(), fed) {
+    let status = running.wait().map_err(|e| fail(e.to_string()))?;
+    let complaint = complaint.join().unwrap_or_default();
+    match (status.success(), fed) {
         (true, Ok(())) => Ok(()),
+        _ if complaint.contains("Unknown encoder") => Err(EvaluateError::NoEncoder { reason: complaint }),
         // Why it ended says more than that its pipe broke.
-        (_, fed) => Err(fail(match (complaint.trim(), fed) {
-            ("", Err(e)) => e.to_string(),
-            ("", Ok(())) => format!("ffmpeg ended with {}", ended.status),
-            (text, _) => text.to_string(),
-        })),
+        _ if !complaint.is_empty() => Err(fail(complaint)),
+        (_, Err(e)) => Err(fail(e.to_string())),
+        (_, Ok(())) => Err(fail(format!("ffmpeg ended with {status}"))),
     }
 }

@@ -10,6 +10,7 @@ pub mod case;
 pub mod conditions;
 pub mod export;
 pub mod film;
+pub mod footage;
 pub mod store;
 pub mod summary;
 pub mod table;
@@ -73,6 +74,9 @@ impl AlignmentConfig {
         match self {
             Self { sequences: 0, scans, .. } if scans.is_empty() => error("sequences", 0, "at least one scan"),
             Self { resolution: r, .. } if !(64..=4096).contains(r) => error("resolution", *r, "64 to 4096 pixels"),
+            Self { resolution: r, encoding, .. } if encoding.encodes() && r % 2 == 1 => {
+                error("resolution", *r, "an even number of pixels: videos have half as many for colour (encoding.codec)")
+            }
             _ => {
                 self.encoding.validate()?;
                 self.videos.validate().map_err(EvaluateError::Videos)
@@ -116,6 +120,7 @@ pub fn run(
     for (_, changed) in &settings {
         changed.validate()?;
     }
+    find_encoders(&settings, store)?;
     let mut cases = Vec::new();
     // Scan by scan, so that what there is after a while covers all conditions.
     for index in config.numbers() {
@@ -132,6 +137,23 @@ pub fn run(
         }
     }
     Ok(cases)
+}
+
+/// Whether all encoders are there that scans still to be measured need: said before hours of other conditions, not after.
+fn find_encoders(settings: &[(&Condition, AlignmentConfig)], store: &Store) -> Result<(), EvaluateError> {
+    let mut found: Vec<&Encoding> = Vec::new();
+    for (condition, changed) in settings {
+        let encoding = &changed.encoding;
+        if !encoding.encodes() || found.contains(&encoding) {
+            continue;
+        }
+        let cases = changed.numbers().into_iter().map(|index| store.read(condition, index));
+        if cases.collect::<Result<Vec<_>, EvaluateError>>()?.iter().any(Option::is_none) {
+            encoding.probe()?;
+            found.push(encoding);
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]
