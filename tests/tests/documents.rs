@@ -37,6 +37,15 @@ fn alternatives(path: &str) -> Vec<String> {
     inside.split(',').map(|one| format!("{before}{one}{after}")).collect()
 }
 
+/// Whether a document has the heading that an anchor names: its words in small letters, joined by hyphens.
+fn has_heading(path: &std::path::Path, anchor: &str) -> bool {
+    let named = |line: &str| {
+        let words = line.trim_start_matches('#').trim().to_lowercase().replace(' ', "-");
+        line.starts_with('#') && words.chars().filter(|c| c.is_alphanumeric() || *c == '-').eq(anchor.chars())
+    };
+    std::fs::read_to_string(path).is_ok_and(|text| text.lines().any(named))
+}
+
 #[test]
 fn links_and_paths_lead_somewhere() {
     let mut broken = Vec::new();
@@ -44,7 +53,11 @@ fn links_and_paths_lead_somewhere() {
         let text = read(document);
         let folder = workspace().join(document).parent().unwrap().to_path_buf();
         let links = between(&text, "](", ")").filter(|link| !link.contains("://") && !link.starts_with('#'));
-        broken.extend(links.filter(|link| !folder.join(link).exists()).map(|link| format!("{document}: {link}")));
+        let leads = |link: &&str| match link.split_once('#') {
+            Some((file, heading)) => has_heading(&folder.join(file), heading),
+            None => folder.join(link).exists(),
+        };
+        broken.extend(links.filter(|link| !leads(link)).map(|link| format!("{document}: {link}")));
         let paths = code(&text).filter(|c| c.starts_with("crates/") && !c.contains('*')).flat_map(alternatives);
         broken.extend(paths.filter(|path| !workspace().join(path).exists()).map(|path| format!("{document}: {path}")));
     }
