@@ -38,7 +38,7 @@ fn alternatives(path: &str) -> Vec<String> {
 }
 
 /// Whether a document has the heading that an anchor names: its words in small letters, joined by hyphens.
-fn has_heading(path: &std::path::Path, anchor: &str) -> bool {
+fn has_heading(path: &Path, anchor: &str) -> bool {
     let named = |line: &str| {
         let words = line.trim_start_matches('#').trim().to_lowercase().replace(' ', "-");
         line.starts_with('#') && words.chars().filter(|c| c.is_alphanumeric() || *c == '-').eq(anchor.chars())
