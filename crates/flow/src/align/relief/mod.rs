@@ -44,8 +44,10 @@ const ROUNDS: usize = 2;
 const REGISTRATIONS: usize = 2;
 /// A registration may move a frame by this share of its width; more is another place.
 const LARGEST_MOVE: f64 = 0.02;
-/// Standard deviation of the share of the way that remains after sliding (0.00 to 0.23 % on scans of six materials).
-const REMAINING: f64 = 0.0015;
+/// Standard deviation of the share of the way that remains after sliding: about half of what was slid, in either direction …
+const REMAINING: f64 = 0.5;
+/// … and this much in any case (0.05 to 0.5 % remain on scans of nine materials).
+const LEAST_REMAINING: f64 = 5e-4;
 
 /// Slides the placed key frames, and the links between them, to where relief explains the change of light, and registers each
 /// to what the others predict. Expected errors grow by what sliding can't tell. Scans of a few key frames and with a guidance
@@ -63,26 +65,28 @@ pub(super) fn settle(scan: &Scan, placed: &mut Placed, camera: Option<&ScanCamer
     }
     let mut stack = Stack { scan, lights, homographies };
     let coarse = scan.pyramids[0].levels.iter().position(|l| l.height.min(l.width) <= SIDE).unwrap_or(0);
+    let mut slid = 0.0;
     for round in 0..ROUNDS {
-        stack.slide(coarse);
+        slid += stack.slide(coarse);
         let last = round + 1 == ROUNDS;
         for again in 0..REGISTRATIONS {
             stack.register(if last && again + 1 == REGISTRATIONS { 0 } else { coarse });
         }
     }
+    let remaining = LEAST_REMAINING + REMAINING * slid.abs();
     let Stack { lights, homographies: after, .. } = stack;
     // How far each node's own pixels moved.
     let moved = |node: usize| Some(after[node].or(before[node])?.after(&before[node]?.inverse()?));
     for link in &mut placed.links {
         if let (Some(source), Some(back)) = (moved(link.source), moved(link.target).and_then(|h| h.inverse())) {
             link.homography = source.after(&link.homography).after(&back);
-            link.error_px = link.error_px.hypot(REMAINING * lights.way_px(link.target, link.source));
+            link.error_px = link.error_px.hypot(remaining * lights.way_px(link.target, link.source));
         }
     }
     for (node, (place, homography)) in placed.places.iter_mut().zip(&after).enumerate().skip(1) {
         if let (Some(place), Some(homography)) = (place, homography) {
             place.homography = *homography;
-            place.error_px = place.error_px.hypot(REMAINING * lights.way_px(0, node));
+            place.error_px = place.error_px.hypot(remaining * lights.way_px(0, node));
         }
     }
 }
@@ -96,8 +100,9 @@ struct Stack<'a> {
 }
 
 impl Stack<'_> {
-    /// Slides all nodes to where the pixels are most nearly linear in the light; not at all when that is nowhere near.
-    fn slide(&mut self, level: usize) {
+    /// Slides all nodes to where the pixels are most nearly linear in the light, and returns by which share of the way. When
+    /// that is nowhere near, nothing is slid and the largest share returned: so much may be wrong.
+    fn slide(&mut self, level: usize) -> f64 {
         let mut deviation = f32::INFINITY;
         for _ in 0..3 {
             deviation = self.samples(level, 0.0).fit(deviation).deviation;
@@ -108,7 +113,7 @@ impl Stack<'_> {
         let losses: Vec<f64> = places.iter().map(|&p| loss(p)).collect();
         let best = (0..SEARCH_STEPS).min_by(|&a, &b| losses[a].total_cmp(&losses[b])).unwrap_or(0);
         if best == 0 || best + 1 == SEARCH_STEPS {
-            return;
+            return LARGEST;
         }
         let (mut at, mut around) = (places[best], [losses[best - 1], losses[best], losses[best + 1]]);
         for refinement in 0..=REFINEMENTS {
@@ -122,6 +127,7 @@ impl Stack<'_> {
         for (node, homography) in self.homographies.iter_mut().enumerate().skip(1) {
             *homography = homography.and_then(|h| self.lights.slid(node, &h, at));
         }
+        at
     }
 
     /// Registers every node to what the lights of all predict for its own.
