@@ -99,7 +99,7 @@ impl Measured {
         Ok(())
     }
 
-    fn library(&self, seed: u64) -> Result<MaterialLibrary, Failure> {
+    fn open_materials(&self, seed: u64) -> Result<MaterialLibrary, Failure> {
         open(&self.materials, seed)
     }
 
@@ -192,7 +192,7 @@ fn synthetic_protocol(arguments: Synthetic) -> Result<(), Failure> {
     }
     measured.fresh("summary.json")?;
     let overwrite = if measured.force { Overwrite::Allow } else { Overwrite::Refuse };
-    let library = measured.library(config.seed)?;
+    let library = measured.open_materials(config.seed)?;
     let method = ScanNets::load(&weights, &burn::tensor::Device::flex()).context("loading the weights")?;
     measured.make_folder()?;
     let results = synthetic::run(&library, &method, &config, |r| {
@@ -271,7 +271,7 @@ fn localisation_protocol(arguments: Measured) -> Result<(), Failure> {
         return Ok(());
     }
     arguments.fresh("cases.json")?;
-    let library = arguments.library(config.seed)?;
+    let library = arguments.open_materials(config.seed)?;
     arguments.make_folder()?;
     let cases = localisation::run(&library, &config, |c| {
         let error = c.error_px.map_or_else(|| "–".into(), |e| format!("{e:.1} px"));
