@@ -103,10 +103,8 @@ impl Stack<'_> {
     /// Slides all nodes to where the pixels are most nearly linear in the light, and returns by which share of the way. When
     /// that is nowhere near, nothing is slid and the largest share returned: so much may be wrong.
     fn slide(&mut self, level: usize) -> f64 {
-        let mut deviation = f32::INFINITY;
-        for _ in 0..3 {
-            deviation = self.samples(level, 0.0).fit(deviation).deviation;
-        }
+        let unmoved = self.samples(level, 0.0);
+        let deviation = (0..3).fold(f32::INFINITY, |deviation, _| unmoved.fit(deviation).deviation);
         let loss = |longer: f64| self.samples(level, longer).fit(deviation).loss;
         let mut step = 2.0 * LARGEST / (SEARCH_STEPS - 1) as f64;
         let places: Vec<f64> = (0..SEARCH_STEPS).map(|i| step * i as f64 - LARGEST).collect();
