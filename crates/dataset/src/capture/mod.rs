@@ -17,7 +17,7 @@ use ops::planes::Planes;
 use serde::{Deserialize, Serialize};
 
 pub use error::CaptureError;
-pub use video::Tools;
+pub use video::{Tools, complaints};
 
 use crate::image_io::Picture;
 use collect::{Collector, Fit};

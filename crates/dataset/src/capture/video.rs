@@ -3,7 +3,8 @@
 use std::ffi::OsString;
 use std::io::{BufReader, ErrorKind, Read};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStderr, Command, Stdio};
+use std::thread::JoinHandle;
 
 use super::CaptureError;
 use super::collect::Collector;
@@ -117,16 +118,7 @@ fn decode(
     command.args(["-f", "image2pipe", "-c:v", "ppm", "-pix_fmt", if stream.deep { "rgb48be" } else { "rgb24" }, "-"]);
     let spawned = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
     let mut running = Running(spawned.map_err(|e| not_started(path, &tools.ffmpeg, e))?);
-    // Drained beside the frames, or a talkative decoder would block on a full pipe. A bounded part is enough for messages.
-    let stderr = running.0.stderr.take();
-    let complaint = std::thread::spawn(move || {
-        let mut text = Vec::new();
-        if let Some(mut stderr) = stderr {
-            let _ = stderr.by_ref().take(1 << 16).read_to_end(&mut text);
-            let _ = std::io::copy(&mut stderr, &mut std::io::sink());
-        }
-        String::from_utf8_lossy(&text).into_owned()
-    });
+    let complaint = complaints(running.0.stderr.take());
     let read = match running.0.stdout.take() {
         Some(stdout) => read_frames(path, BufReader::with_capacity(1 << 20, stdout), stream, collector),
         None => Ok(()),
@@ -142,6 +134,19 @@ fn decode(
         return Err(CaptureError::Broken { path: path.into(), frames: collector.seen(), reason });
     }
     Ok(complaint)
+}
+
+/// What a program complains of, read beside its frames: a talkative one would block on a full pipe. A bounded part, 64 KiB, is
+/// enough for messages.
+pub fn complaints(stderr: Option<ChildStderr>) -> JoinHandle<String> {
+    std::thread::spawn(move || {
+        let mut text = Vec::new();
+        if let Some(mut stderr) = stderr {
+            let _ = stderr.by_ref().take(1 << 16).read_to_end(&mut text);
+            let _ = std::io::copy(&mut stderr, &mut std::io::sink());
+        }
+        String::from_utf8_lossy(&text).into_owned()
+    })
 }
 
 fn read_frames(path: &Path, mut pipe: impl Read, stream: &Stream, collector: &mut Collector) -> Result<(), CaptureError> {

@@ -7,6 +7,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
 
+use dataset::capture::complaints;
 use dataset::sequence::Sequence;
 use flow::align::Footage;
 use ops::planes::Planes;
@@ -169,20 +170,11 @@ pub(super) fn run(
     let fail = |reason: String| EvaluateError::Encoding { folder: folder.into(), reason };
     let spawned = command.stdin(Stdio::piped()).stderr(Stdio::piped()).spawn();
     let mut running = spawned.map_err(|e| EvaluateError::NoEncoder { reason: format!("`ffmpeg` can't be started: {e}") })?;
-    // Drained beside the frames, or a talkative encoder would block on a full pipe. A bounded part is enough for messages.
-    let stderr = running.stderr.take();
-    let complaint = std::thread::spawn(move || {
-        let mut text = Vec::new();
-        if let Some(mut stderr) = stderr {
-            let _ = stderr.by_ref().take(1 << 16).read_to_end(&mut text);
-            let _ = std::io::copy(&mut stderr, &mut std::io::sink());
-        }
-        String::from_utf8_lossy(&text).trim().to_string()
-    });
+    let complaint = complaints(running.stderr.take());
     // Ends the pipe, too.
     let fed = running.stdin.take().map_or(Ok(()), |mut pipe| feed(&mut pipe));
     let status = running.wait().map_err(|e| fail(e.to_string()))?;
-    let complaint = complaint.join().unwrap_or_default();
+    let complaint = complaint.join().unwrap_or_default().trim().to_string();
     match (status.success(), fed) {
         (true, Ok(())) => Ok(()),
         _ if complaint.contains("Unknown encoder") => Err(EvaluateError::NoEncoder { reason: complaint }),
