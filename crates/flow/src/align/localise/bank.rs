@@ -75,7 +75,7 @@ impl Bank {
             let surfaces = correlation.of(&discs);
             for (part, (disc, &angle)) in discs.iter().zip(pair).enumerate() {
                 let surface = |i: usize| if part == 0 { surfaces[i].re } else { -surfaces[i].im } / disc.norm;
-                let peaks = correlation.peaks(surface);
+                let peaks = correlation.peaks(((SQUARE * side) as usize).max(1), surface);
                 squares += peaks.iter().map(|(ncc, _)| ncc * ncc).sum::<f64>();
                 count += peaks.len() as f64;
                 for &(height, [x, y]) in peaks.iter().take(PEAKS) {
@@ -95,20 +95,21 @@ pub(super) fn normalisation() -> PhotometricConfig {
     PhotometricConfig { mean_sigma_px: 3.0, contrast_sigma_px: 6.0, chroma: 0.0, ..PhotometricConfig::default() }
 }
 
-fn contrast(image: &Densities, factor: f64) -> Planes {
+/// An image with `factor` of its pixels per pixel along a side, contrast-normalised.
+pub(super) fn contrast(image: &Densities, factor: f64) -> Planes {
     ContrastPyramid::new(&image.shrunk(factor), &normalisation()).levels.swap_remove(0)
 }
 
 /// The turned template under the disc's weights, around its middle, without its mean.
-struct Disc {
+pub(super) struct Disc {
     /// Offsets from the middle and values.
     values: Vec<([i32; 2], f32)>,
     /// Root of the weighted sum of squares.
-    norm: f32,
+    pub norm: f32,
 }
 
 impl Disc {
-    fn new(template: &Planes, angle: f64) -> Self {
+    pub fn new(template: &Planes, angle: f64) -> Self {
         let (sin, cos) = (angle.sin() as f32, angle.cos() as f32);
         let (cx, cy) = (0.5 * (template.width as f32 - 1.0), 0.5 * (template.height as f32 - 1.0));
         let value = |[u, v]: [i32; 2]| {
@@ -136,7 +137,7 @@ fn weights(side: f64) -> Vec<([i32; 2], f32)> {
 }
 
 /// A photo prepared for correlations with discs of one size.
-struct Correlation {
+pub(super) struct Correlation {
     transform: Transform,
     /// Of the photo, padded.
     spectrum: Vec<Complex32>,
@@ -145,12 +146,10 @@ struct Correlation {
     /// Rows and columns where a disc's middle may lie: that much of the disc is on the photo.
     rows: std::ops::Range<usize>,
     columns: std::ops::Range<usize>,
-    /// Side of the squares that give one peak.
-    square: usize,
 }
 
 impl Correlation {
-    fn new(photo: &Planes, side: f64) -> Self {
+    pub fn new(photo: &Planes, side: f64) -> Self {
         let margin = (f64::from(DISC[0]) * side) as usize;
         let disc = weights(side);
         let reach = disc.iter().map(|([u, _], _)| u.unsigned_abs() as usize).max().unwrap_or(0);
@@ -182,12 +181,11 @@ impl Correlation {
         let deviation = sums.iter().map(deviation).collect();
         transform.forward(&mut values);
         let inside = |length: usize| margin..length.saturating_sub(margin).max(margin);
-        let square = ((SQUARE * side) as usize).max(1);
-        Self { transform, spectrum: values, deviation, rows: inside(photo.height), columns: inside(photo.width), square }
+        Self { transform, spectrum: values, deviation, rows: inside(photo.height), columns: inside(photo.width) }
     }
 
     /// Of one or two discs, not yet divided by their norms: the first is the real part, the second the imaginary part negated.
-    fn of(&self, discs: &[Disc]) -> Vec<Complex32> {
+    pub fn of(&self, discs: &[Disc]) -> Vec<Complex32> {
         let mut values = vec![Complex32::default(); self.spectrum.len()];
         for (part, disc) in discs.iter().enumerate() {
             for &(at, value) in &disc.values {
@@ -202,14 +200,14 @@ impl Correlation {
         values
     }
 
-    /// The highest value of each square of a surface, the highest first.
-    fn peaks(&self, surface: impl Fn(usize) -> f32) -> Vec<(f64, [f64; 2])> {
+    /// The highest value of each square of a surface, the highest first; `square` is a side in pixels.
+    pub fn peaks(&self, square: usize, surface: impl Fn(usize) -> f32) -> Vec<(f64, [f64; 2])> {
         let width = self.transform.size.width;
         let mut highest = Vec::new();
-        for top in self.rows.clone().step_by(self.square) {
-            for left in self.columns.clone().step_by(self.square) {
-                let rows = top..(top + self.square).min(self.rows.end);
-                let columns = left..(left + self.square).min(self.columns.end);
+        for top in self.rows.clone().step_by(square) {
+            for left in self.columns.clone().step_by(square) {
+                let rows = top..(top + square).min(self.rows.end);
+                let columns = left..(left + square).min(self.columns.end);
                 let mut best = (f32::NEG_INFINITY, [0.0; 2]);
                 for y in rows {
                     for x in columns.clone() {

@@ -2,13 +2,16 @@
 //!
 //! A disc of the frame is correlated with the photo at every density (`search`) and rotation (`bank`), both contrast-normalised
 //! and so small that the frame measures a few dozen pixels. The strongest peaks are refined on the pixels, those that end at the
-//! same place are one, and the places are compared (`verify`): one counts only if the images support it far beyond chance and
-//! no other place nearly as much.
+//! same place are one, and the places are compared (`verify`): one counts only if the images support it far beyond chance, in
+//! most parts of the frame, and no other place nearly as much. Where a pattern repeats, all its places are looked for at a finer
+//! density (`lattice`), and the best counts if the frame has what tells it from every other one (`votes`).
 
 mod bank;
 mod densities;
+mod lattice;
 mod search;
 mod verify;
+mod votes;
 
 use std::fmt;
 
@@ -78,7 +81,7 @@ pub struct Located {
     pub zncc: f64,
     /// How many standard errors that is above chance.
     pub significance: f64,
-    /// The runner-up's evidence as a share of this place's, 0 … 1.
+    /// The runner-up's evidence as a share of this place's, 0 … 1: a large one where the pattern repeats but for details.
     pub runner_up: f64,
     /// Expected error in pixels of the frame.
     pub expected_px: f64,

@@ -106,6 +106,45 @@ fn a_pattern_that_repeats_is_refused() {
     assert!(matches!(refused, NotLocated::Ambiguous { .. }) && refused.to_string().contains("repeats"), "{refused:?}");
 }
 
+/// A wall of one tile again and again, with noise of the image's own; if so wished, the tile in column and row 2 has marks.
+fn wall(view: &Homography, size: Size, marked: bool, seed: u64) -> Planes {
+    const TILE: f64 = 64.0;
+    let marks = Scene::new(3).frame(&Homography::identity(), Size { height: 64, width: 64 });
+    let mut image = Scene { contrast: 0.0, noise: 0.01, ..Scene::new(seed) }.frame(view, size);
+    for i in 0..image.area() {
+        let (u, v) = view.apply((i % size.width) as f64, (i / size.width) as f64).unwrap();
+        let wave = |k: i32| {
+            let [along, across] = [f64::from(k % 3 + 1), f64::from(k % 5 - 2)];
+            (std::f64::consts::TAU * (along * u + across * v) / TILE + 2.4 * f64::from(k * k)).sin()
+        };
+        let ornament = 0.05 * (0..12).map(wave).sum::<f64>();
+        let mark = if marked && (u / TILE).floor() == 2.0 && (v / TILE).floor() == 2.0 {
+            marks.sample_bilinear(0, u.rem_euclid(TILE).min(63.0) as f32, v.rem_euclid(TILE).min(63.0) as f32).unwrap() - 0.4
+        } else {
+            0.0
+        };
+        (0..3).for_each(|c| image.data[c * size.height * size.width + i] += ornament as f32 + 0.5 * mark);
+    }
+    image
+}
+
+#[test]
+fn a_tile_of_its_own_tells_the_places_of_a_pattern_apart_and_noise_does_not() {
+    for (roll, zoom) in [(0.0, 1.0), (0.8, 1.3), (0.0, 1.7)] {
+        let (at, size) = (
+            view(FRAME, 170.0, 150.0, 0.0, 1.0, 0.0),
+            Size { height: (320.0 / zoom) as usize, width: (340.0 / zoom) as usize },
+        );
+        let around = view(size, 180.0, 170.0, roll, zoom, 0.0);
+        let seen = |marked| locate(&wall(&around, size, marked, 1), &wall(&at, FRAME, marked, 2), zoom);
+        let refused = seen(false).unwrap_err();
+        assert!(matches!(refused, NotLocated::Ambiguous { .. }), "{roll} {zoom}: {refused:?}");
+        let found = seen(true).unwrap();
+        let error = largest_shift(&found.homography.inverse().unwrap(), &between(&at, &around), FRAME);
+        assert!(error < 0.5, "{roll} {zoom}: {error} px of the photo, {found:?}");
+    }
+}
+
 #[test]
 fn nothing_to_see_and_impossible_sizes_are_named() {
     let frame = lit().frame(&view(FRAME, 200.0, 180.0, 0.0, 1.0, 0.0), FRAME);

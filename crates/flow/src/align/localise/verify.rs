@@ -5,13 +5,15 @@ use ops::homography::Homography;
 use ops::planes::Planes;
 use rayon::prelude::*;
 
-use super::super::candidates::{Candidate, Origin, Step, choose};
+use super::super::candidates::{Candidate, Finalist, Origin, Step, choose, finish};
 use super::super::config::PhotometricConfig;
 use super::super::contrast::ContrastPyramid;
+use super::super::photometric::{refine, warp};
 use super::super::size::Size;
 use super::densities::Densities;
 use super::search::Guess;
-use super::{Located, NotLocated};
+use super::votes::{agreement, preference};
+use super::{Located, NotLocated, lattice};
 
 /// Between these sides, in pixels, lies the frame when all guesses are refined, then the best places, then the best one: as
 /// near to the photo's density as they let it.
@@ -26,12 +28,28 @@ const LEAST_ZNCC: f64 = 0.15;
 const LEAST_SIGNIFICANCE: f64 = 8.0;
 /// … by how much it exceeds the same place displaced …
 const LEAST_MARGIN: f64 = 0.08;
-/// … and the share of its evidence that another place may have.
+/// … and the votes of the frame's blocks for it.
+const LEAST_AGREEMENT: f64 = 8.0;
+/// A place with more than this share of the best one's evidence is another that the pattern repeats at: there may be better ones.
+const REPEATS: f64 = 0.6;
+/// Share of the best place's evidence that another place may have …
 const LARGEST_RUNNER_UP: f64 = 0.8;
+/// … unless the frame's blocks prefer the best place by this many votes: patterns that repeat exactly reach 4 once in 60 times.
+const LEAST_PREFERENCE: f64 = 5.0;
 /// Share of the frame that the photo must show.
 const LEAST_OVERLAP: f64 = 0.5;
-/// Places further apart than this share of the frame's side are different places.
+/// Places further apart than this share of the frame's side are different places …
 const APART: f64 = 0.1;
+/// … and where a pattern repeats, its own period may be as little as this.
+const PERIOD: f64 = 0.02;
+/// Repeated places that are refined on the second of the sides.
+const RIVALS: usize = 16;
+/// How often places are looked for, each time from those found before.
+const ROUNDS: usize = 2;
+/// Places have a say in how the others are seen if they have this share of the best one's evidence.
+const SEEN_ALIKE: f64 = 0.5;
+/// Guesses whose densities differ by no more than this factor are compared on the same pixels.
+const SAME_DENSITY: f64 = 1.1;
 
 /// A guess refined: photo pixel to frame pixel at full size.
 struct Tried {
@@ -40,6 +58,19 @@ struct Tried {
     step: Step,
     /// What [`Consistency::significance`](super::super::photometric::Consistency::significance) is lessened by.
     certainty: f64,
+    /// Sides of the template.
+    sides: [usize; 2],
+    /// The photo on the template's pixels, contrast-normalised; NaN is unknown.
+    seen: Vec<f32>,
+}
+
+/// How far a guess may be off.
+#[derive(Clone, Copy)]
+enum Reach {
+    /// Some pixels of a frame of [`SIDES`].
+    Far,
+    /// Hardly any: it has been refined, or was found on finer pixels. A pattern's next period is never reached.
+    Near,
 }
 
 impl Tried {
@@ -49,6 +80,20 @@ impl Tried {
 
     fn significance(&self) -> f64 {
         self.certainty * self.step.consistency.significance()
+    }
+
+    fn believable(&self) -> bool {
+        let Step { consistency, margin, .. } = self.step;
+        consistency.zncc >= LEAST_ZNCC && self.significance() >= LEAST_SIGNIFICANCE && margin >= LEAST_MARGIN
+    }
+
+    fn not_found(&self) -> NotLocated {
+        NotLocated::NotFound { zncc: self.step.consistency.zncc, significance: self.significance() }
+    }
+
+    /// Of another place's evidence.
+    fn share(&self, of: &Self) -> f64 {
+        self.evidence().max(0.0) / of.evidence()
     }
 
     /// As a guess to refine further.
@@ -65,26 +110,24 @@ pub(super) fn best(
     photometric: &PhotometricConfig,
 ) -> Result<Located, NotLocated> {
     let size = frame.size();
-    let refined = |guesses: &[Guess], sides| {
-        let templates = Templates::new(frame, guesses, sides, photometric);
-        let tried = guesses.par_iter().with_max_len(1).filter_map(|g| templates.try_out(guidance, g));
-        places(tried.filter(|t| t.step.consistency.overlap >= LEAST_OVERLAP).collect(), size)
-    };
-    let first = refined(guesses, SIDES[0]);
-    let again: Vec<Guess> = first.iter().take(PLACES).map(|t| t.again(size)).collect();
-    let tried = refined(&again, SIDES[1]);
-    let Some(best) = tried.first() else { return Err(NotLocated::NotFound { zncc: 0.0, significance: 0.0 }) };
-    let Step { consistency, margin, .. } = best.step;
-    let significance = best.significance();
-    if consistency.zncc < LEAST_ZNCC || significance < LEAST_SIGNIFICANCE || margin < LEAST_MARGIN {
-        return Err(NotLocated::NotFound { zncc: consistency.zncc, significance });
+    let images = Images { guidance, frame, photometric };
+    let (_, first) = images.refined(guesses, SIDES[0], Reach::Far, APART);
+    let (mut templates, mut tried) =
+        images.refined(&again(&first[..first.len().min(PLACES)], size), SIDES[1], Reach::Far, APART);
+    let repeats = |best: &Tried, others: &[Tried]| best.believable() && largest_share(others, best) > REPEATS;
+    if tried.split_first().is_some_and(|(best, others)| repeats(best, others)) {
+        (templates, tried) = images.repeated(tried);
     }
-    let runner_up = tried.get(1).map_or(0.0, |t| t.evidence().max(0.0) / best.evidence());
-    if runner_up > LARGEST_RUNNER_UP {
+    let Some((best, others)) = tried.split_first() else { return Err(NotLocated::NotFound { zncc: 0.0, significance: 0.0 }) };
+    if !best.believable() || templates.agreement(best) < LEAST_AGREEMENT {
+        return Err(best.not_found());
+    }
+    if let Some(runner_up) = templates.rival(best, others) {
         return Err(NotLocated::Ambiguous { runner_up });
     }
-    let finer = refined(&[best.again(size)], SIDES[2]).into_iter().next();
-    let finer = finer.filter(|t| !apart(t, best, size) && t.significance() >= LEAST_SIGNIFICANCE);
+    let runner_up = largest_share(others, best);
+    let (_, finer) = images.refined(&[best.again(size)], SIDES[2], Reach::Near, APART);
+    let finer = finer.into_iter().next().filter(|t| !apart(t, best, size, PERIOD) && t.significance() >= LEAST_SIGNIFICANCE);
     let end = finer.as_ref().unwrap_or(best);
     let sides = if finer.is_some() { SIDES[2] } else { SIDES[1] };
     let larger = size.width as f64 / compared(size, end.guess.scale, sides).width as f64;
@@ -98,12 +141,69 @@ pub(super) fn best(
     })
 }
 
-/// The best of each place, the best place first.
-fn places(mut tried: Vec<Tried>, frame: Size) -> Vec<Tried> {
+/// What places are refined on.
+struct Images<'a> {
+    guidance: &'a Densities<'a>,
+    frame: &'a Densities<'a>,
+    photometric: &'a PhotometricConfig,
+}
+
+impl<'a> Images<'a> {
+    /// The places that guesses end at, the best first, and the frame as they were compared with it. Places are further apart
+    /// than `share` of the frame's side.
+    fn refined(&self, guesses: &[Guess], sides: [f64; 2], reach: Reach, share: f64) -> (Templates<'a>, Vec<Tried>) {
+        let templates = Templates::new(self.frame, guesses, sides, self.photometric);
+        let tried = guesses.par_iter().with_max_len(1).filter_map(|g| templates.try_out(self.guidance, g, reach));
+        let tried = tried.filter(|t| t.step.consistency.overlap >= LEAST_OVERLAP).collect();
+        (templates, places(tried, self.frame.size(), share))
+    }
+
+    /// The same where the pattern repeats, with all the places that `tried` leads to.
+    fn repeated(&self, mut tried: Vec<Tried>) -> (Templates<'a>, Vec<Tried>) {
+        let size = self.frame.size();
+        let mut seen = alike(&tried, size);
+        let mut round = 1;
+        loop {
+            let mut guesses = again(&tried, size);
+            guesses.extend(lattice::guesses(self.guidance, self.frame, &seen));
+            same_densities(&mut guesses);
+            let (_, places) = self.refined(&guesses, SIDES[0], Reach::Near, PERIOD);
+            let mut guesses = again(&places[..places.len().min(RIVALS)], size);
+            same_densities(&mut guesses);
+            let templates;
+            (templates, tried) = self.refined(&guesses, SIDES[1], Reach::Near, PERIOD);
+            let told_apart = tried.split_first().is_some_and(|(best, others)| templates.rival(best, others).is_none());
+            if told_apart || round == ROUNDS {
+                return (templates, tried);
+            }
+            // There are more of them now, which agree better on how the photo sees the frame.
+            seen = alike(&places, size);
+            round += 1;
+        }
+    }
+}
+
+/// Places as guesses to refine further.
+fn again(tried: &[Tried], frame: Size) -> Vec<Guess> {
+    tried.iter().map(|t| t.again(frame)).collect()
+}
+
+/// Those of the places, the best first, that may show how the photo sees the frame.
+fn alike(tried: &[Tried], frame: Size) -> Vec<Guess> {
+    again(&tried[..tried.iter().take_while(|t| t.share(&tried[0]) >= SEEN_ALIKE).count()], frame)
+}
+
+/// The runner-up's share of the best place's evidence.
+fn largest_share(others: &[Tried], best: &Tried) -> f64 {
+    others.first().map_or(0.0, |t| t.share(best))
+}
+
+/// The best of each place, the best place first; places are further apart than `share` of the frame's side.
+fn places(mut tried: Vec<Tried>, frame: Size, share: f64) -> Vec<Tried> {
     tried.sort_by(|a, b| b.evidence().total_cmp(&a.evidence()));
     let mut kept: Vec<Tried> = Vec::new();
     for t in tried {
-        if kept.iter().all(|k| apart(&t, k, frame)) {
+        if kept.iter().all(|k| apart(&t, k, frame, share)) {
             kept.push(t);
         }
     }
@@ -120,8 +220,8 @@ fn scale(homography: &Homography, frame: Size) -> Option<f64> {
     Some(step / area.sqrt())
 }
 
-/// Whether the frame's middle lies elsewhere, or the frame is turned or scaled otherwise.
-fn apart(a: &Tried, b: &Tried, frame: Size) -> bool {
+/// Whether the frame's middle lies elsewhere, by more than `share` of its side, or the frame is turned or scaled otherwise.
+fn apart(a: &Tried, b: &Tried, frame: Size, share: f64) -> bool {
     let relative = |x: f64, y: f64| {
         let back = b.homography.inverse()?;
         let (u, v) = back.apply(x, y)?;
@@ -130,7 +230,18 @@ fn apart(a: &Tried, b: &Tried, frame: Size) -> bool {
     };
     let (w, h) = (frame.width as f64, frame.height as f64);
     let corners = [(0.5 * w, 0.5 * h), (0.25 * w, 0.25 * h), (0.75 * w, 0.25 * h), (0.25 * w, 0.75 * h), (0.75 * w, 0.75 * h)];
-    corners.iter().any(|&(x, y)| relative(x, y).is_none_or(|d| d > APART * w.min(h)))
+    corners.iter().any(|&(x, y)| relative(x, y).is_none_or(|d| d > share * w.min(h)))
+}
+
+/// Gives guesses of about one density the first one's.
+fn same_densities(guesses: &mut [Guess]) {
+    let mut densities: Vec<f64> = Vec::new();
+    for guess in guesses {
+        match densities.iter().find(|d| (*d / guess.scale).ln().abs() < SAME_DENSITY.ln()) {
+            Some(density) => guess.scale = *density,
+            None => densities.push(guess.scale),
+        }
+    }
 }
 
 /// Size of the frame when it is compared at the photo's density.
@@ -194,17 +305,46 @@ impl<'a> Templates<'a> {
         [side, seen.max(16).min(side)]
     }
 
-    fn try_out(&self, guidance: &Densities, guess: &Guess) -> Option<Tried> {
+    fn of(&self, sides: [usize; 2]) -> Option<&ContrastPyramid> {
+        self.pyramids.iter().find(|(s, _)| *s == sides).map(|(_, pyramid)| pyramid)
+    }
+
+    /// Votes of the frame's blocks for a place.
+    fn agreement(&self, place: &Tried) -> f64 {
+        self.of(place.sides).map_or(0.0, |frame| agreement(&frame.levels[0], &place.seen))
+    }
+
+    /// The first of the other places, the best first, that is nearly as good and can't be told from the best one: its share of
+    /// the evidence.
+    fn rival(&self, best: &Tried, others: &[Tried]) -> Option<f64> {
+        let told_apart = |t: &Tried| {
+            let votes = |frame: &ContrastPyramid| preference(&frame.levels[0], &best.seen, &t.seen);
+            t.sides == best.sides && self.of(best.sides).is_some_and(|frame| votes(frame) >= LEAST_PREFERENCE)
+        };
+        let near = others.iter().take_while(|t| t.share(best) > LARGEST_RUNNER_UP);
+        near.filter(|t| !told_apart(t)).map(|t| t.share(best)).next()
+    }
+
+    fn try_out(&self, guidance: &Densities, guess: &Guess, reach: Reach) -> Option<Tried> {
         let sides = Self::sides(self.frame, guess.scale, self.sides);
-        let (_, target) = self.pyramids.iter().find(|(s, _)| *s == sides)?;
+        let target = self.of(sides)?;
         let small = target.size();
         let (patch, to_patch) = self.patch(guidance, guess, small)?;
         let from_small = small.resize_matrix(self.frame);
         let initial = Homography::new(to_patch * guess.homography.inverse()?.matrix * from_small);
-        let candidates = [Candidate { origin: Origin::PhaseCorrelation, homography: initial }];
-        let step = choose(target, &ContrastPyramid::new(&patch, self.photometric), &candidates, self.photometric)?;
+        let source = ContrastPyramid::new(&patch, self.photometric);
+        let origin = Origin::PhaseCorrelation;
+        let step = match reach {
+            Reach::Far => choose(target, &source, &[Candidate { origin, homography: initial }], self.photometric)?,
+            Reach::Near => {
+                let refined = refine(target, &source, &initial, (1, 1), self.photometric)?;
+                finish(target, &source, &Finalist { origin, refined }, self.photometric)
+            }
+        };
+        let mut seen = vec![0.0; target.levels[0].area()];
+        warp(&source.levels[0], 0, &step.homography, small.width, &mut seen);
         let found = Homography::new(to_patch.try_inverse()? * step.homography.matrix * from_small.try_inverse()?);
-        Some(Tried { homography: found.inverse()?, guess: *guess, step, certainty: certainty(target, sides) })
+        Some(Tried { homography: found.inverse()?, guess: *guess, step, certainty: certainty(target, sides), sides, seen })
     }
 
     /// The part of the photo that the frame shows, with a border, at the density of the frame of size `small`; and photo pixel
