@@ -15,6 +15,8 @@ pub(crate) struct Scene {
     pub seed: u64,
     /// Contrast of the texture.
     pub contrast: f32,
+    /// Share of the contrast that every colour has of its own.
+    pub colour: f32,
     /// Strength of the camera-fixed highlight.
     pub highlight: f32,
     /// Amplitude of the noise.
@@ -28,7 +30,7 @@ const FLASH_HEIGHT: f64 = 1.9;
 
 impl Scene {
     pub fn new(seed: u64) -> Self {
-        Self { seed, contrast: 0.25, highlight: 0.0, noise: 0.0, relief: 0.0 }
+        Self { seed, contrast: 0.25, colour: 0.3, highlight: 0.0, noise: 0.0, relief: 0.0 }
     }
 
     /// The frame of a camera whose pixels lie at `view(pixel)` on the texture.
@@ -50,7 +52,7 @@ impl Scene {
                 let shading = 1.0 + self.shading(u as f32, v as f32, [towards.0 as f32, towards.1 as f32]);
                 for c in 0..3 {
                     let noise = self.noise * rng.random_range(-1.0..1.0f32);
-                    let texture = 0.7 * shared + 0.3 * self.texture(u as f32, v as f32, c as u64 + 1);
+                    let texture = (1.0 - self.colour) * shared + self.colour * self.texture(u as f32, v as f32, c as u64 + 1);
                     frame.set(c, y, x, ((0.4 + self.contrast * texture) * shading + glare + noise).clamp(0.0, 1.0));
                 }
             }

@@ -6,12 +6,14 @@
 //! motion. The displacements of all frames are then too short (or too long) by the same share ε, consistently, so that no
 //! comparison of links notices. It is most of what is left of the error on bark, pavers and plaster (0.4 to 1.2 % of the way).
 //!
-//! What tells ε is the second order: frames displaced by εh·u show B's gradient too, which is quadratic in u. So the key frames
-//! are slid along their own displacements ([`Lights::slid`]) until every pixel of the guidance image is linear in u over the
-//! scan, as well as can be, and each is then registered to what the others predict for its light instead of to the guidance
+//! Two things tell ε. Colour differences relative to brightness hardly change with a slope's light: where a surface has colours,
+//! they lie still at the right ε. And frames displaced by εh·u show B's gradient too, which is quadratic in u, so that the
+//! brightness isn't what [`shading`] describes. The key frames are slid along their own displacements ([`Lights::slid`]) until
+//! both fit best over the scan, and each is then registered to what the others predict for its light instead of to the guidance
 //! frame as it was lit.
 
 mod lights;
+mod lowest;
 mod shading;
 #[cfg(test)]
 mod tests;
@@ -21,25 +23,27 @@ use ops::planes::Planes;
 use rayon::prelude::*;
 
 use super::camera::ScanCamera;
+use super::config::PhotometricConfig;
+use super::contrast::{ContrastPyramid, blur};
 use super::photometric::{register, warp};
 use super::scan::Scan;
 use super::size::{Size, resized};
 use super::track::Placed;
 use lights::Lights;
-use shading::Samples;
+use lowest::{Estimate, LARGEST};
+use shading::{Samples, brightness, colour};
 
 /// With fewer key frames the lines through them prove nothing.
 const FEWEST_KEY_FRAMES: usize = 10;
 /// Shorter side in pixels of the level that is slid; the displacements are global.
 const SIDE: usize = 256;
-/// Displacements are looked for up to this share of the way …
-const LARGEST: f64 = 0.02;
-/// … in so many steps.
-const SEARCH_STEPS: usize = 11;
-/// Refinements of the best one, each with half the step.
-const REFINEMENTS: usize = 2;
+/// Standard deviation of what gloss does to the place where colours lie still, as a share of the relief's own: on a slope that
+/// faces the light a coat shines white over them.
+const COLOURS_MISLED: f64 = 0.4;
 /// Rounds of sliding and registering.
 const ROUNDS: usize = 2;
+/// Standard deviation of the smoothing before images are slid.
+const SMOOTH_PX: f32 = 0.8;
 /// Registrations per round.
 const REGISTRATIONS: usize = 2;
 /// A registration may move a frame by this share of its width; more is another place.
@@ -63,11 +67,11 @@ pub(super) fn settle(scan: &Scan, placed: &mut Placed, camera: Option<&ScanCamer
     if homographies.iter().skip(1).flatten().count() < FEWEST_KEY_FRAMES {
         return;
     }
-    let mut stack = Stack { scan, lights, homographies };
     let coarse = scan.pyramids[0].levels.iter().position(|l| l.height.min(l.width) <= SIDE).unwrap_or(0);
+    let mut stack = Stack { scan, lights, homographies, planes: smoothed(scan, coarse) };
     let mut slid = 0.0;
     for round in 0..ROUNDS {
-        slid += stack.slide(coarse);
+        slid += stack.slide(slid);
         let last = round + 1 == ROUNDS;
         for again in 0..REGISTRATIONS {
             stack.register(if last && again + 1 == REGISTRATIONS { 0 } else { coarse });
@@ -97,41 +101,56 @@ struct Stack<'a> {
     lights: Lights,
     /// Guidance pixel to pixel of every node, `None` for those that don't take part.
     homographies: Vec<Option<Homography>>,
+    /// The nodes' contrast-normalised luminance and colour differences on the level that is slid, smoothed.
+    planes: Vec<Planes>,
+}
+
+/// The contrast-normalised images of a level with their colours, smoothed: an image read between its pixels loses some of its
+/// noise, and a slide must not look better for that.
+fn smoothed(scan: &Scan, level: usize) -> Vec<Planes> {
+    let config = PhotometricConfig { chroma: 1.0, ..PhotometricConfig::default() };
+    let planes = |(image, pyramid): (&Planes, &ContrastPyramid)| {
+        let luminance = &pyramid.levels[level];
+        let Size { height, width } = Size::of(luminance);
+        let mut planes = ContrastPyramid::new(&image.resize_area(height, width), &config).levels.swap_remove(0);
+        planes.plane_mut(0).copy_from_slice(luminance.plane(0));
+        for plane in planes.data.chunks_mut(height * width) {
+            let known: Vec<f32> = plane.iter().map(|v| if v.is_nan() { 0.0 } else { *v }).collect();
+            let smooth = blur(&known, height, width, SMOOTH_PX);
+            plane.iter_mut().zip(smooth).filter(|(v, _)| !v.is_nan()).for_each(|(v, smooth)| *v = smooth);
+        }
+        planes
+    };
+    scan.images.par_iter().zip(&scan.pyramids).map(planes).collect()
 }
 
 impl Stack<'_> {
-    /// Slides all nodes to where the pixels are most nearly linear in the light, and returns by which share of the way. When
-    /// that is nowhere near, nothing is slid and the largest share returned: so much may be wrong.
-    fn slide(&mut self, level: usize) -> f64 {
-        let unmoved = self.samples(level, 0.0);
-        let deviation = (0..3).fold(f32::INFINITY, |deviation, _| unmoved.fit(deviation).deviation);
-        let loss = |longer: f64| self.samples(level, longer).fit(deviation).loss;
-        let mut step = 2.0 * LARGEST / (SEARCH_STEPS - 1) as f64;
-        let places: Vec<f64> = (0..SEARCH_STEPS).map(|i| step * i as f64 - LARGEST).collect();
-        let losses: Vec<f64> = places.iter().map(|&p| loss(p)).collect();
-        let best = (0..SEARCH_STEPS).min_by(|&a, &b| losses[a].total_cmp(&losses[b])).unwrap_or(0);
-        if best == 0 || best + 1 == SEARCH_STEPS {
-            return LARGEST;
-        }
-        let (mut at, mut around) = (places[best], [losses[best - 1], losses[best], losses[best + 1]]);
-        for refinement in 0..=REFINEMENTS {
-            let bend = around[0] + around[2] - 2.0 * around[1];
-            at += if bend > 0.0 { (0.5 * step * (around[0] - around[2]) / bend).clamp(-step, step) } else { 0.0 };
-            if refinement < REFINEMENTS {
-                step *= 0.5;
-                around = [loss(at - step), loss(at), loss(at + step)];
+    /// Slides all nodes to where brightness and colour fit their shading best, after they were slid by the share `slid` of the
+    /// way, and returns by which share. When that is nowhere near, nothing is slid and the largest share returned: so much may
+    /// be wrong.
+    fn slide(&mut self, slid: f64) -> f64 {
+        let plane = |channel: usize, longer: f64| self.samples(|node| (&self.planes[node], channel), longer);
+        let estimate = |channel: usize| {
+            let unmoved = plane(channel, 0.0);
+            // With all terms, so that the noise of a colour doesn't count what displaces it.
+            let deviation = (0..3).fold(f32::INFINITY, |deviation, _| unmoved.fit(brightness, deviation).deviation);
+            if channel == 0 {
+                return Estimate::lowest(|longer| plane(channel, longer).fit(brightness, deviation).loss);
             }
-        }
+            let still = Estimate::lowest(|longer| plane(channel, longer).fit(colour, deviation).loss)?;
+            Some(Estimate { deviation: still.deviation.hypot(COLOURS_MISLED * (slid + still.share)), ..still })
+        };
+        let Some(found) = Estimate::combined((0..3).filter_map(estimate)) else { return LARGEST };
         for (node, homography) in self.homographies.iter_mut().enumerate().skip(1) {
-            *homography = homography.and_then(|h| self.lights.slid(node, &h, at));
+            *homography = homography.and_then(|h| self.lights.slid(node, &h, found.share));
         }
-        at
+        found.share
     }
 
     /// Registers every node to what the lights of all predict for its own.
     fn register(&mut self, level: usize) {
-        let samples = self.samples(level, 0.0);
-        let fit = samples.fit(samples.fit(f32::INFINITY).deviation);
+        let samples = self.samples(|node| (&self.scan.pyramids[node].levels[level], 0), 0.0);
+        let fit = samples.fit(brightness, samples.fit(brightness, f32::INFINITY).deviation);
         let moved: Vec<Option<Homography>> = (0..self.homographies.len())
             .into_par_iter()
             .map(|node| {
@@ -153,19 +172,18 @@ impl Stack<'_> {
         self.homographies = moved;
     }
 
-    /// The images on a level after the nodes were slid.
-    fn samples(&self, level: usize, longer: f64) -> Samples {
-        let guidance = &self.scan.pyramids[0].levels[level];
-        let size = Size::of(guidance);
+    /// One plane of the nodes' images, as `image` gives them, after the nodes were slid.
+    fn samples<'b>(&self, image: impl Fn(usize) -> (&'b Planes, usize) + Sync, longer: f64) -> Samples {
+        let size = Size::of(image(0).0);
         let nodes = (0..self.homographies.len()).into_par_iter().filter_map(|node| {
             let homography = self.homographies[node]?;
             let light = self.lights.positions[node]?.map(|v| v as f32);
-            let source = &self.scan.pyramids[node].levels[level];
+            let (source, channel) = image(node);
             let slid = if node == 0 { homography } else { self.lights.slid(node, &homography, longer)? };
             let at_level = resized(&slid, (self.scan.sizes[0], size), (self.scan.sizes[node], Size::of(source)));
-            let mut image = vec![0.0; guidance.area()];
-            warp(source, 0, &at_level, size.width, &mut image);
-            Some((light, image))
+            let mut warped = vec![0.0; size.height * size.width];
+            warp(source, channel, &at_level, size.width, &mut warped);
+            Some((light, warped))
         });
         let to_surface = self.lights.to_surface * size.resize_matrix(self.scan.sizes[0]);
         Samples { size, to_surface: to_surface.map(|v| v as f32), nodes: nodes.collect() }

@@ -1,4 +1,7 @@
-//! Brightness that is linear in the slopes of the light's direction.
+//! What a point shows as a function of the slopes u of the light's direction.
+//!
+//! With light and camera at one place what a flat point shows depends on |u| alone: a term in |u|² takes the part of highlight
+//! and falloff. The brightness of a slope is linear in u besides; its colour isn't.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use ops::planes::Planes;
@@ -13,11 +16,23 @@ const FEWEST_LIGHTS: usize = 8;
 const HIGHLIGHT: f32 = 0.12;
 /// Keeps the fit of a pixel that all lights reach from one side solvable, in units of one frame's weight.
 const RIDGE: f32 = 1e-3;
+/// The same for |u|²: gloss is taken from lights at many slopes, and from few hardly told apart from relief.
+const GLOSS_RIDGE: f32 = 0.02;
 /// Residuals of every so many pixels tell the deviation.
 const DEVIATION_STRIDE: usize = 3;
 
-/// What a pixel shows under slope u of the light: `[A, B_x, B_y]`; NaN where it can't be told.
-pub(super) type Shading = [f32; 3];
+/// What a pixel's terms are multiplied with; NaN where that can't be told.
+pub(super) type Shading<const N: usize> = SVector<f32, N>;
+
+/// Terms of the brightness A + B·u + C|u|².
+pub(super) fn brightness(u: f32, v: f32) -> Shading<4> {
+    Shading::from([1.0, u, v, u * u + v * v])
+}
+
+/// Terms of the colour A + C|u|².
+pub(super) fn colour(u: f32, v: f32) -> Shading<2> {
+    Shading::from([1.0, u * u + v * v])
+}
 
 /// The images at their places on one level.
 pub(super) struct Samples {
@@ -28,9 +43,9 @@ pub(super) struct Samples {
     pub nodes: Vec<([f32; 3], Vec<f32>)>,
 }
 
-/// The linear shading of every pixel, and how well it fits.
-pub(super) struct Fit {
-    pub shading: Vec<Shading>,
+/// The shading of every pixel, and how well it fits.
+pub(super) struct Fit<const N: usize> {
+    pub shading: Vec<Shading<N>>,
     /// Mean Cauchy loss of the residuals.
     pub loss: f64,
     /// Robust standard deviation of the residuals.
@@ -50,23 +65,23 @@ impl Samples {
     }
 
     /// The shading of every pixel, with Cauchy weights for residuals of the given deviation.
-    pub fn fit(&self, deviation: f32) -> Fit {
+    pub fn fit<const N: usize>(&self, terms: fn(f32, f32) -> Shading<N>, deviation: f32) -> Fit<N> {
         let width = self.size.width;
-        let rows: Vec<(Vec<Shading>, f64, usize, Vec<f32>)> = (0..self.size.height)
+        let rows: Vec<(Vec<Shading<N>>, f64, usize, Vec<f32>)> = (0..self.size.height)
             .into_par_iter()
             .map(|row| {
                 let (mut loss, mut count, mut residuals) = (0.0, 0, Vec::new());
-                let mut seen: Vec<[f32; 3]> = Vec::with_capacity(self.nodes.len());
+                let mut seen: Vec<(Shading<N>, f32)> = Vec::with_capacity(self.nodes.len());
                 let fits = (row * width..(row + 1) * width).map(|pixel| {
                     let position = self.position(pixel);
                     seen.clear();
                     seen.extend(self.nodes.iter().filter_map(|(light, image)| {
                         let [u, v] = Self::slope(position, *light);
-                        (!image[pixel].is_nan() && u.hypot(v) > HIGHLIGHT).then_some([u, v, image[pixel]])
+                        (!image[pixel].is_nan() && u.hypot(v) > HIGHLIGHT).then(|| (terms(u, v), image[pixel]))
                     }));
-                    let Some(shading) = line(&seen, deviation) else { return [f32::NAN; 3] };
-                    for [u, v, value] in &seen {
-                        let residual = value - (shading[0] + shading[1] * u + shading[2] * v);
+                    let Some(shading) = solve(&seen, deviation) else { return Shading::from([f32::NAN; N]) };
+                    for (terms, value) in &seen {
+                        let residual = value - shading.dot(terms);
                         loss += f64::from((residual / (CAUCHY * deviation)).powi(2).ln_1p());
                         count += 1;
                         if pixel.is_multiple_of(DEVIATION_STRIDE) {
@@ -85,35 +100,36 @@ impl Samples {
     }
 
     /// What the guidance image would look like under a light.
-    pub fn predicted(&self, shading: &[Shading], light: [f64; 3]) -> Planes {
+    pub fn predicted(&self, shading: &[Shading<4>], light: [f64; 3]) -> Planes {
         let light = light.map(|v| v as f32);
-        let value = |(pixel, [a, bx, by]): (usize, &Shading)| {
+        let value = |(pixel, shading): (usize, &Shading<4>)| {
             let [u, v] = Self::slope(self.position(pixel), light);
-            a + bx * u + by * v
+            shading.dot(&brightness(u, v))
         };
         let data = shading.iter().enumerate().map(value).collect();
         Planes::from_vec(1, self.size.height, self.size.width, data)
     }
 }
 
-/// The line through samples (u, v, value) by iterated least squares with Cauchy weights; `None` for too few of them.
-pub(super) fn line(samples: &[[f32; 3]], deviation: f32) -> Option<Shading> {
+/// The shading through samples (terms, value) by iterated least squares with Cauchy weights; `None` for too few of them.
+pub(super) fn solve<const N: usize>(samples: &[(Shading<N>, f32)], deviation: f32) -> Option<Shading<N>> {
     if samples.len() < FEWEST_LIGHTS {
         return None;
     }
     let inverse = 1.0 / (CAUCHY * deviation);
-    let mut found: Option<SVector<f32, 3>> = None;
+    let mut found: Option<Shading<N>> = None;
     for _ in 0..if deviation.is_finite() { 3 } else { 1 } {
-        let mut matrix = SMatrix::<f32, 3, 3>::from_diagonal(&SVector::from([0.0, RIDGE, RIDGE]));
-        let mut vector = SVector::<f32, 3>::zeros();
-        for &[u, v, value] in samples {
-            let row = SVector::from([1.0, u, v]);
-            let residual = found.map_or(0.0, |f| value - f.dot(&row));
+        let mut matrix = SMatrix::<f32, N, N>::from_diagonal_element(RIDGE);
+        matrix[(0, 0)] = 0.0;
+        matrix[(N - 1, N - 1)] = GLOSS_RIDGE;
+        let mut vector = Shading::<N>::zeros();
+        for (terms, value) in samples {
+            let residual = found.map_or(0.0, |f| value - f.dot(terms));
             let weight = 1.0 / (1.0 + (residual * inverse).powi(2));
-            matrix += row * row.transpose() * weight;
-            vector += row * (weight * value);
+            matrix += terms * terms.transpose() * weight;
+            vector += terms * (weight * value);
         }
         found = Some(matrix.cholesky()?.solve(&vector));
     }
-    found.map(Into::into)
+    found
 }

@@ -1,5 +1,5 @@
 use super::lights::Lights;
-use super::shading::{Samples, line};
+use super::shading::{Samples, brightness, colour, solve};
 use crate::align::metrics::{ScanErrors, summarise};
 use crate::align::scene::{Scene, between, view};
 use crate::align::size::Size;
@@ -32,10 +32,19 @@ fn aligned(scene: &Scene, relief: bool) -> (Alignment, f64) {
 }
 
 #[test]
-fn the_shading_of_dark_hollows_is_told_from_motion() {
-    let scene = Scene { relief: 6.0, noise: 0.01, ..Scene::new(31) };
-    let ((before, biased), (after, settled)) = (aligned(&scene, false), aligned(&scene, true));
-    assert!(biased > 2.0 && settled < 0.5 * biased, "{biased} px as registered, {settled} px settled");
+fn the_shading_of_dark_hollows_is_told_from_motion_by_its_colours_or_without_any() {
+    let coloured = Scene { relief: 3.0, noise: 0.01, ..Scene::new(31) };
+    let grey = Scene { colour: 0.0, ..coloured };
+    for (scene, left) in [(grey, 0.5), (coloured, 0.4)] {
+        let ((_, biased), (_, settled)) = (aligned(&scene, false), aligned(&scene, true));
+        assert!(biased > 1.2 && settled < left * biased, "{biased} px as registered, {settled} px settled");
+    }
+}
+
+#[test]
+fn a_slide_makes_the_expected_errors_larger_and_takes_the_links_along() {
+    let scene = Scene { relief: 3.0, noise: 0.01, ..Scene::new(31) };
+    let ((before, _), (after, _)) = (aligned(&scene, false), aligned(&scene, true));
     assert!(before.key_frames.iter().zip(&after.key_frames).all(|(a, b)| b.residual_px > a.residual_px));
     // The links went with the frames, so that the camera is found from the settled ones.
     let views = views();
@@ -77,24 +86,30 @@ fn a_slide_lengthens_the_way_over_the_surface() {
 }
 
 #[test]
-fn brightness_that_is_linear_in_the_light_is_found_among_highlights() {
+fn shading_is_found_among_highlights() {
     let value = |u: f32, v: f32| 0.3 + 0.8 * u - 0.5 * v;
-    let mut samples: Vec<[f32; 3]> = (0..12)
+    let mut samples: Vec<[f32; 3]> = (0..24)
         .map(|i| {
-            let (u, v) = (0.2 * (i as f32 * 0.9).cos(), 0.2 * (i as f32 * 0.9).sin());
+            let reach = [0.15, 0.3][i % 2];
+            let (u, v) = (reach * (i as f32 * 0.9).cos(), reach * (i as f32 * 0.9).sin());
             [u, v, value(u, v)]
         })
         .collect();
     samples[4][2] += 5.0;
-    let found = line(&samples, 0.05).unwrap();
-    assert!((found[0] - 0.3).abs() < 0.02 && (found[1] - 0.8).abs() < 0.1 && (found[2] + 0.5).abs() < 0.1, "{found:?}");
-    assert!(line(&samples[..5], 0.05).is_none(), "too few lights");
+    let lit: Vec<_> = samples.iter().map(|&[u, v, value]| (brightness(u, v), value)).collect();
+    let found = solve(&lit, 0.05).unwrap();
+    assert!((found[0] - 0.3).abs() < 0.03 && (found[1] - 0.8).abs() < 0.1 && (found[2] + 0.5).abs() < 0.1, "{found}");
+    assert!(solve(&lit[..5], 0.05).is_none(), "too few lights");
+    // What depends on the slope isn't explained as a colour.
+    let coloured: Vec<_> = samples.iter().map(|&[u, v, value]| (colour(u, v), value)).collect();
+    let found = solve(&coloured, 0.05).unwrap();
+    assert!(samples.iter().zip(&coloured).any(|(s, (terms, _))| (s[2] - found.dot(terms)).abs() > 0.1));
 
     // A ring of lights over a surface of 3 × 2 pixels; the place under a light and an unknown pixel don't take part.
     let nodes = samples.iter().map(|s| ([10.0 * s[0], 10.0 * s[1], 10.0], vec![0.5, 0.5, 0.5, 0.5, f32::NAN, 0.5])).collect();
     let all = Samples { size: Size { height: 2, width: 3 }, to_surface: Matrix3::identity(), nodes };
-    let fit = all.fit(f32::INFINITY);
-    assert!(fit.shading[4][0].is_nan() && (fit.shading[0][0] - 0.5).abs() < 1e-3);
+    let fit = all.fit(brightness, f32::INFINITY);
+    assert!(fit.shading[4][0].is_nan() && (fit.shading[0][0] - 0.5).abs() < 1e-2);
     let predicted = all.predicted(&fit.shading, [0.0, 0.0, 10.0]);
-    assert!((predicted.at(0, 0, 1) - 0.5).abs() < 1e-3 && predicted.at(0, 1, 1).is_nan());
+    assert!((predicted.at(0, 0, 1) - 0.5).abs() < 1e-2 && predicted.at(0, 1, 1).is_nan());
 }

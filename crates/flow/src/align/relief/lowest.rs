@@ -1,0 +1,74 @@
+//! Where a loss is lowest, and how well that can be told.
+
+/// The share of the way is looked for up to this …
+pub(super) const LARGEST: f64 = 0.02;
+/// … in so many steps.
+const STEPS: usize = 11;
+/// Refinements of the best one, each with half the step.
+const REFINEMENTS: usize = 2;
+/// A loss that is larger by this share of itself may be the better one: no model of shading is that exact.
+const TOLERANCE: f64 = 1.5e-3;
+
+/// A share of the way with its standard deviation.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Estimate {
+    pub share: f64,
+    pub deviation: f64,
+}
+
+impl Estimate {
+    /// Where a loss is lowest; `None` where that is nowhere within the range. The flatter it is, the less is known.
+    pub fn lowest(loss: impl Fn(f64) -> f64) -> Option<Self> {
+        let mut step = 2.0 * LARGEST / (STEPS - 1) as f64;
+        let places: Vec<f64> = (0..STEPS).map(|i| step * i as f64 - LARGEST).collect();
+        let losses: Vec<f64> = places.iter().map(|&p| loss(p)).collect();
+        let best = (0..STEPS).min_by(|&a, &b| losses[a].total_cmp(&losses[b]))?;
+        if best == 0 || best + 1 == STEPS {
+            return None;
+        }
+        let (mut share, mut around) = (places[best], [losses[best - 1], losses[best], losses[best + 1]]);
+        let bend = |around: [f64; 3]| around[0] + around[2] - 2.0 * around[1];
+        let deviation = step * (2.0 * TOLERANCE * losses[best] / bend(around)).sqrt();
+        for refinement in 0..=REFINEMENTS {
+            let towards = 0.5 * step * (around[0] - around[2]) / bend(around);
+            share += if bend(around) > 0.0 { towards.clamp(-step, step) } else { 0.0 };
+            if refinement < REFINEMENTS {
+                step *= 0.5;
+                around = [loss(share - step), loss(share), loss(share + step)];
+            }
+        }
+        deviation.is_finite().then_some(Self { share, deviation })
+    }
+
+    /// Of independent estimates; `None` without any.
+    pub fn combined(estimates: impl IntoIterator<Item = Self>) -> Option<Self> {
+        let weigh = |(sum, weights): (f64, f64), e: Self| (sum + e.share / e.deviation.powi(2), weights + e.deviation.powi(-2));
+        let (sum, weights) = estimates.into_iter().fold((0.0, 0.0), weigh);
+        (weights > 0.0).then(|| Self { share: sum / weights, deviation: weights.powf(-0.5) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_lowest_place_is_found_and_a_sharper_one_counts_more() {
+        let parabola = |at: f64, bend: f64| Estimate::lowest(|p| 0.2 + bend * (p - at).powi(2)).unwrap();
+        let (sharp, flat) = (parabola(-0.004, 4000.0), parabola(0.0071, 10.0));
+        assert!((sharp.share + 0.004).abs() < 1e-9 && (flat.share - 0.0071).abs() < 1e-9, "{sharp:?} {flat:?}");
+        assert!((flat.deviation / sharp.deviation - 20.0).abs() < 0.1);
+        assert!((flat.deviation - (TOLERANCE * 0.2 / 10.0).sqrt()).abs() < 1e-4, "the tolerance's width");
+        let both = Estimate::combined([sharp, flat]).unwrap();
+        assert!((both.share - (sharp.share + (flat.share - sharp.share) / 401.0)).abs() < 1e-5);
+        assert!(both.deviation < sharp.deviation);
+        assert!(Estimate::combined([]).is_none());
+    }
+
+    #[test]
+    fn nothing_is_told_by_an_even_loss_or_one_that_falls_to_the_end() {
+        assert!(Estimate::lowest(|_| 0.3).is_none());
+        assert!(Estimate::lowest(|p| 0.3 - p).is_none());
+        assert!(Estimate::lowest(|_| f64::NAN).is_none());
+    }
+}
