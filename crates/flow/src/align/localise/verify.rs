@@ -34,14 +34,17 @@ const LEAST_AGREEMENT: f64 = 8.0;
 const REPEATS: f64 = 0.6;
 /// Share of the best place's evidence that another place may have …
 const LARGEST_RUNNER_UP: f64 = 0.8;
-/// … unless the frame's blocks prefer the best place by this many votes: patterns that repeat exactly reach 4 once in 60 times.
-const LEAST_PREFERENCE: f64 = 5.0;
+/// … unless the frame's blocks prefer the best place by this many votes: patterns that repeat exactly reached 2.1
+/// in 120 pairs of noisy images.
+const LEAST_PREFERENCE: f64 = 4.0;
 /// Share of the frame that the photo must show.
 const LEAST_OVERLAP: f64 = 0.5;
 /// Places further apart than this share of the frame's side are different places …
 const APART: f64 = 0.1;
 /// … and where a pattern repeats, its own period may be as little as this.
 const PERIOD: f64 = 0.02;
+/// Places that are tried to see whether it repeats.
+const PROBED: usize = 6;
 /// Repeated places that are refined on the second of the sides.
 const RIVALS: usize = 16;
 /// How often places are looked for, each time from those found before.
@@ -114,8 +117,7 @@ pub(super) fn best(
     let (_, first) = images.refined(guesses, SIDES[0], Reach::Far, APART);
     let (mut templates, mut tried) =
         images.refined(&again(&first[..first.len().min(PLACES)], size), SIDES[1], Reach::Far, APART);
-    let repeats = |best: &Tried, others: &[Tried]| best.believable() && largest_share(others, best) > REPEATS;
-    if tried.split_first().is_some_and(|(best, others)| repeats(best, others)) {
+    if tried.first().is_some_and(Tried::believable) && (repeats(&tried) || images.repeats_elsewhere(&tried[0])) {
         (templates, tried) = images.repeated(tried);
     }
     let Some((best, others)) = tried.split_first() else { return Err(NotLocated::NotFound { zncc: 0.0, significance: 0.0 }) };
@@ -158,7 +160,13 @@ impl<'a> Images<'a> {
         (templates, places(tried, self.frame.size(), share))
     }
 
-    /// The same where the pattern repeats, with all the places that `tried` leads to.
+    /// Whether places that the first search may have missed look nearly as much like the frame.
+    fn repeats_elsewhere(&self, best: &Tried) -> bool {
+        let guesses = lattice::guesses(self.guidance, self.frame, &[best.again(self.frame.size())]);
+        repeats(&self.refined(&guesses[..guesses.len().min(PROBED)], SIDES[0], Reach::Near, PERIOD).1)
+    }
+
+    /// The places and the frame where the pattern repeats, with all the places that `tried` leads to.
     fn repeated(&self, mut tried: Vec<Tried>) -> (Templates<'a>, Vec<Tried>) {
         let size = self.frame.size();
         let mut seen = alike(&tried, size);
@@ -191,6 +199,11 @@ fn again(tried: &[Tried], frame: Size) -> Vec<Guess> {
 /// Those of the places, the best first, that may show how the photo sees the frame.
 fn alike(tried: &[Tried], frame: Size) -> Vec<Guess> {
     again(&tried[..tried.iter().take_while(|t| t.share(&tried[0]) >= SEEN_ALIKE).count()], frame)
+}
+
+/// Whether the second of the places, the best first, is nearly as good as the first.
+fn repeats(tried: &[Tried]) -> bool {
+    tried.split_first().is_some_and(|(best, others)| largest_share(others, best) > REPEATS)
 }
 
 /// The runner-up's share of the best place's evidence.
