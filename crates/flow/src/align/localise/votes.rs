@@ -42,7 +42,7 @@ pub(super) fn agreement(frame: &Planes, place: &[f32]) -> f64 {
 ///
 /// A sum of independent values whose signs are random exceeds z of these with a probability of exp(−z²/2) at most, however
 /// they are distributed (Efron, Student's t-test under symmetry conditions, JASA 64, 1969). Neighbouring blocks depend on each
-/// other a little: on patterns that repeat exactly the deviation is 1.2.
+/// other a little: on noisy patterns that repeat exactly the deviation is about 1.
 fn votes<const N: usize>(frame: &Planes, picture: impl Fn(usize) -> f32, explained: impl Fn(usize) -> [f64; N]) -> f64 {
     let (height, width) = (frame.height, frame.width);
     let blocks = (height.min(width) / LEAST_SIDE).clamp(1, BLOCKS);
