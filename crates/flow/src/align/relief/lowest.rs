@@ -1,9 +1,11 @@
 //! Where a loss is lowest, and how well that can be told.
 
-/// The share of the way is looked for up to this …
-pub(super) const LARGEST: f64 = 0.02;
-/// … in so many steps.
-const STEPS: usize = 11;
+/// The share of the way is followed downhill from none in steps of this …
+const STEP: f64 = 0.004;
+/// … up to so many: motion blur takes a surface's detail before its shading, which then misleads most.
+const STEPS: usize = 12;
+/// The largest share that is found.
+pub(super) const LARGEST: f64 = STEP * STEPS as f64;
 /// Refinements of the best one, each with half the step.
 const REFINEMENTS: usize = 2;
 /// A loss that is larger by this share of itself may be the better one: no model of shading is that exact.
@@ -17,18 +19,26 @@ pub(super) struct Estimate {
 }
 
 impl Estimate {
-    /// Where a loss is lowest; `None` where that is nowhere within the range. The flatter it is, the less is known.
+    /// Where a loss is lowest, going downhill from no share at all; `None` where it falls all the way. The flatter it is, the
+    /// less is known.
     pub fn lowest(loss: impl Fn(f64) -> f64) -> Option<Self> {
-        let mut step = 2.0 * LARGEST / (STEPS - 1) as f64;
-        let places: Vec<f64> = (0..STEPS).map(|i| step * i as f64 - LARGEST).collect();
-        let losses: Vec<f64> = places.iter().map(|&p| loss(p)).collect();
-        let best = (0..STEPS).min_by(|&a, &b| losses[a].total_cmp(&losses[b]))?;
-        if best == 0 || best + 1 == STEPS {
+        let (mut share, mut step) = (0.0, STEP);
+        let mut around = [loss(-STEP), loss(0.0), loss(STEP)];
+        let downhill = if around[0] < around[2] { -STEP } else { STEP };
+        for _ in 0..STEPS {
+            let [behind, here, ahead] = if downhill < 0.0 { [around[2], around[1], around[0]] } else { around };
+            if behind >= here && here <= ahead {
+                break;
+            }
+            share += downhill;
+            let next = loss(share + downhill);
+            around = if downhill < 0.0 { [next, ahead, here] } else { [here, ahead, next] };
+        }
+        if around[1] > around[0].min(around[2]) {
             return None;
         }
-        let (mut share, mut around) = (places[best], [losses[best - 1], losses[best], losses[best + 1]]);
         let bend = |around: [f64; 3]| around[0] + around[2] - 2.0 * around[1];
-        let deviation = step * (2.0 * TOLERANCE * losses[best] / bend(around)).sqrt();
+        let deviation = step * (2.0 * TOLERANCE * around[1] / bend(around)).sqrt();
         for refinement in 0..=REFINEMENTS {
             let towards = 0.5 * step * (around[0] - around[2]) / bend(around);
             share += if bend(around) > 0.0 { towards.clamp(-step, step) } else { 0.0 };
