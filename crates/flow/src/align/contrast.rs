@@ -52,6 +52,11 @@ impl ContrastPyramid {
     }
 }
 
+/// The finest level of a [`ContrastPyramid`].
+pub(super) fn normalised(image: &Planes, config: &PhotometricConfig) -> Planes {
+    normalise(&opponent_planes(image, config.chroma), config)
+}
+
 /// Luminance and, with a weight, the two colour differences relative to brightness, which shading leaves alone.
 fn opponent_planes(image: &Planes, chroma: f32) -> Planes {
     if image.channels < 3 {

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::super::candidates::{Candidate, Finalist, Origin, Step, choose, finish};
 use super::super::config::PhotometricConfig;
-use super::super::contrast::ContrastPyramid;
+use super::super::contrast::{ContrastPyramid, normalised};
 use super::super::photometric::{refine, warp};
 use super::super::size::Size;
 use super::densities::Densities;
@@ -51,6 +51,8 @@ const RIVALS: usize = 16;
 const ROUNDS: usize = 2;
 /// Places have a say in how the others are seen if they have this share of the best one's evidence.
 const SEEN_ALIKE: f64 = 0.5;
+/// Weight of the colours, which don't change with the side that the light comes from as relief does, where they help.
+const CHROMA: f32 = 1.0;
 /// Guesses whose densities differ by no more than this factor are compared on the same pixels.
 const SAME_DENSITY: f64 = 1.1;
 
@@ -64,7 +66,7 @@ struct Tried {
     /// Sides of the template.
     sides: [usize; 2],
     /// The photo on the template's pixels, contrast-normalised; NaN is unknown.
-    seen: Vec<f32>,
+    seen: Planes,
 }
 
 /// How far a guess may be off.
@@ -77,8 +79,10 @@ enum Reach {
 }
 
 impl Tried {
+    /// Per root of the frame's pixels, so that halved images, on which a place is judged where noise hides it in the finer ones,
+    /// count for the quarter of the pixels that they have.
     fn evidence(&self) -> f64 {
-        self.step.consistency.score()
+        self.step.consistency.significance() / (self.seen.area() as f64).sqrt()
     }
 
     fn significance(&self) -> f64 {
@@ -114,6 +118,7 @@ pub(super) fn best(
 ) -> Result<Located, NotLocated> {
     let size = frame.size();
     let images = Images { guidance, frame, photometric };
+    let coloured = coloured(photometric);
     let (_, first) = images.refined(guesses, SIDES[0], Reach::Far, APART);
     let (mut templates, mut tried) =
         images.refined(&again(&first[..first.len().min(PLACES)], size), SIDES[1], Reach::Far, APART);
@@ -124,26 +129,30 @@ pub(super) fn best(
     if !best.believable() || templates.agreement(best) < LEAST_AGREEMENT {
         return Err(best.not_found());
     }
-    if let Some(runner_up) = templates.rival(best, others) {
+    if let Some(runner_up) = templates.rival(guidance, best, others) {
         return Err(NotLocated::Ambiguous { runner_up });
     }
     let runner_up = largest_share(others, best);
-    let (_, finer) = images.refined(&[best.again(size)], SIDES[2], Reach::Near, APART);
-    let finer = finer.into_iter().next().filter(|t| !apart(t, best, size, PERIOD) && t.significance() >= LEAST_SIGNIFICANCE);
+    let in_colour = Images { photometric: &coloured, ..images };
+    // The colours of a grey surface are noise, which makes the correlation less significant.
+    let finer = [images, in_colour].into_iter().flat_map(|i| i.refined(&[best.again(size)], SIDES[2], Reach::Near, APART).1);
+    let finer = finer.filter(|t| !apart(t, best, size, PERIOD) && t.significance() >= LEAST_SIGNIFICANCE);
+    let finer = finer.max_by(|a, b| a.significance().total_cmp(&b.significance()));
     let end = finer.as_ref().unwrap_or(best);
     let sides = if finer.is_some() { SIDES[2] } else { SIDES[1] };
     let larger = size.width as f64 / compared(size, end.guess.scale, sides).width as f64;
     Ok(Located {
         homography: end.homography,
         scale: scale(&end.homography, size).unwrap_or(end.guess.scale),
-        zncc: end.step.consistency.zncc,
-        significance: end.significance(),
+        zncc: best.step.consistency.zncc,
+        significance: best.significance(),
         runner_up,
         expected_px: end.step.expected_px * larger,
     })
 }
 
 /// What places are refined on.
+#[derive(Clone, Copy)]
 struct Images<'a> {
     guidance: &'a Densities<'a>,
     frame: &'a Densities<'a>,
@@ -180,7 +189,8 @@ impl<'a> Images<'a> {
             same_densities(&mut guesses);
             let templates;
             (templates, tried) = self.refined(&guesses, SIDES[1], Reach::Near, PERIOD);
-            let told_apart = tried.split_first().is_some_and(|(best, others)| templates.rival(best, others).is_none());
+            let told_apart =
+                tried.split_first().is_some_and(|(best, others)| templates.rival(self.guidance, best, others).is_none());
             if told_apart || round == ROUNDS {
                 return (templates, tried);
             }
@@ -189,6 +199,11 @@ impl<'a> Images<'a> {
             round += 1;
         }
     }
+}
+
+/// With the colours beside the luminance.
+fn coloured(photometric: &PhotometricConfig) -> PhotometricConfig {
+    PhotometricConfig { chroma: CHROMA, ..photometric.clone() }
 }
 
 /// Places as guesses to refine further.
@@ -280,13 +295,22 @@ fn spread(plane: &[f32]) -> f64 {
     if fourths > 0.0 { (3.0 * squares * squares / (count * fourths)).min(1.0) } else { 0.0 }
 }
 
+/// The frame as guesses are compared with it.
+struct Template {
+    /// See [`Templates::sides`].
+    sides: [usize; 2],
+    pyramid: ContrastPyramid,
+    /// The finest level in colour.
+    coloured: Planes,
+}
+
 /// The frame at the sizes and as sharp as guesses are compared with it.
 struct Templates<'a> {
     frame: Size,
     sides: [f64; 2],
     photometric: &'a PhotometricConfig,
-    /// Each with its [`Templates::sides`].
-    pyramids: Vec<([usize; 2], ContrastPyramid)>,
+    coloured: PhotometricConfig,
+    templates: Vec<Template>,
 }
 
 impl<'a> Templates<'a> {
@@ -296,7 +320,8 @@ impl<'a> Templates<'a> {
         used.dedup();
         let Size { height, width } = frame.size();
         let at = |side: usize| frame.resized([0.0, height as f64, 0.0, width as f64], frame.size().limited(side)).0;
-        let pyramid = |&[side, seen]: &[usize; 2]| {
+        let coloured = coloured(photometric);
+        let template = |&[side, seen]: &[usize; 2]| {
             // What the photo is too coarse to show must not count against it.
             let image = if seen < side {
                 let Size { height, width } = frame.size().limited(side);
@@ -304,9 +329,11 @@ impl<'a> Templates<'a> {
             } else {
                 at(side)
             };
-            ([side, seen], ContrastPyramid::new(&image, photometric))
+            let pyramid = ContrastPyramid::new(&image, photometric);
+            Template { sides: [side, seen], pyramid, coloured: normalised(&image, &coloured) }
         };
-        Self { frame: frame.size(), sides, photometric, pyramids: used.par_iter().map(pyramid).collect() }
+        let templates = used.par_iter().map(template).collect();
+        Self { frame: frame.size(), sides, photometric, coloured, templates }
     }
 
     /// Side of the frame when it is compared, and its side in pixels of the photo (in steps of a tenth), if that is less.
@@ -318,29 +345,43 @@ impl<'a> Templates<'a> {
         [side, seen.max(16).min(side)]
     }
 
-    fn of(&self, sides: [usize; 2]) -> Option<&ContrastPyramid> {
-        self.pyramids.iter().find(|(s, _)| *s == sides).map(|(_, pyramid)| pyramid)
+    fn of(&self, sides: [usize; 2]) -> Option<&Template> {
+        self.templates.iter().find(|t| t.sides == sides)
     }
 
     /// Votes of the frame's blocks for a place.
     fn agreement(&self, place: &Tried) -> f64 {
-        self.of(place.sides).map_or(0.0, |frame| agreement(&frame.levels[0], &place.seen))
+        self.of(place.sides).map_or(0.0, |t| agreement(&t.pyramid.levels[0], &place.seen))
     }
 
     /// The first of the other places, the best first, that is nearly as good and can't be told from the best one: its share of
     /// the evidence.
-    fn rival(&self, best: &Tried, others: &[Tried]) -> Option<f64> {
+    fn rival(&self, guidance: &Densities, best: &Tried, others: &[Tried]) -> Option<f64> {
+        let near = &others[..others.iter().take_while(|t| t.share(best) > LARGEST_RUNNER_UP).count()];
+        let template = self.of(best.sides)?;
+        let seen = |place: &Tried| self.seen_in_colour(guidance, place, &template.coloured);
+        let first = near.first().and_then(|_| seen(best));
         let told_apart = |t: &Tried| {
-            let votes = |frame: &ContrastPyramid| preference(&frame.levels[0], &best.seen, &t.seen);
-            t.sides == best.sides && self.of(best.sides).is_some_and(|frame| votes(frame) >= LEAST_PREFERENCE)
+            let votes = |first| Some(preference(&template.coloured, first, &seen(t)?));
+            t.sides == best.sides && first.as_ref().and_then(votes).is_some_and(|v| v >= LEAST_PREFERENCE)
         };
-        let near = others.iter().take_while(|t| t.share(best) > LARGEST_RUNNER_UP);
-        near.filter(|t| !told_apart(t)).map(|t| t.share(best)).next()
+        near.iter().find(|t| !told_apart(t)).map(|t| t.share(best))
+    }
+
+    /// The photo at a place on the template's pixels, contrast-normalised in colour.
+    fn seen_in_colour(&self, guidance: &Densities, place: &Tried, template: &Planes) -> Option<Planes> {
+        let small = Size::of(template);
+        let (patch, to_patch) = self.patch(guidance, &place.again(self.frame), small)?;
+        let to_patch = Homography::new(to_patch * place.homography.inverse()?.matrix * small.resize_matrix(self.frame));
+        let (patch, mut seen) = (normalised(&patch, &self.coloured), template.clone());
+        let area = seen.area();
+        seen.data.chunks_mut(area).enumerate().for_each(|(c, plane)| warp(&patch, c, &to_patch, small.width, plane));
+        Some(seen)
     }
 
     fn try_out(&self, guidance: &Densities, guess: &Guess, reach: Reach) -> Option<Tried> {
         let sides = Self::sides(self.frame, guess.scale, self.sides);
-        let target = self.of(sides)?;
+        let target = &self.of(sides)?.pyramid;
         let small = target.size();
         let (patch, to_patch) = self.patch(guidance, guess, small)?;
         let from_small = small.resize_matrix(self.frame);
@@ -354,8 +395,8 @@ impl<'a> Templates<'a> {
                 finish(target, &source, &Finalist { origin, refined }, self.photometric)
             }
         };
-        let mut seen = vec![0.0; target.levels[0].area()];
-        warp(&source.levels[0], 0, &step.homography, small.width, &mut seen);
+        let mut seen = Planes::new(1, small.height, small.width);
+        warp(&source.levels[0], 0, &step.homography, small.width, &mut seen.data);
         let found = Homography::new(to_patch.try_inverse()? * step.homography.matrix * from_small.try_inverse()?);
         Some(Tried { homography: found.inverse()?, guess: *guess, step, certainty: certainty(target, sides), sides, seen })
     }
@@ -385,5 +426,33 @@ impl<'a> Templates<'a> {
         let (sx, sy) = (size.width as f64 / (x1 - x0), size.height as f64 / (y1 - y0));
         let matrix = Matrix3::new(sx, 0.0, sx * (0.5 - x0) - 0.5, 0.0, sy, sy * (0.5 - y0) - 0.5, 0.0, 0.0, 1.0);
         Some((patch, matrix))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::align::photometric::Consistency;
+
+    #[test]
+    fn places_judged_on_halved_images_are_rivals_of_those_judged_on_all_pixels() {
+        let homography = Homography::identity();
+        let judged = |zncc, compared| Tried {
+            homography,
+            guess: Guess { homography, scale: 1.0 },
+            step: Step {
+                origin: Origin::PhaseCorrelation,
+                homography,
+                consistency: Consistency { zncc, overlap: 1.0, compared },
+                margin: 0.5,
+                expected_px: 0.1,
+            },
+            certainty: 1.0,
+            sides: [128, 128],
+            seen: Planes::new(1, 128, 128),
+        };
+        // Noise that halving takes away hides as much of one as the halved pixels are fewer of the other.
+        let (halved, whole) = (judged(0.9708, 64 * 64), judged(0.7848, 128 * 128));
+        assert!((whole.share(&halved) - 1.0).abs() < 0.01, "{}", whole.share(&halved));
     }
 }

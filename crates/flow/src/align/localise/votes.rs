@@ -13,50 +13,59 @@ const FEWEST_PIXELS: usize = 24;
 const HALF_VOTE: f64 = 0.1;
 
 /// How much more the frame looks like one place than like another, both contrast-normalised on the frame's pixels (NaN is
-/// unknown): at most 16, and some 1 by chance where nothing tells the places apart.
+/// unknown), in luminance or with the colours, whichever tells more: some 1 by chance where nothing tells the places apart.
 ///
 /// What both places show, such as the pattern that repeats, is not in their difference. Nor counts what would make even the
 /// same place look different: another contrast, a shift, another sharpness, as relief lit from another side, a refinement that
 /// came to rest next to its end or pixels that lie otherwise in the pattern make them.
-pub(super) fn preference(frame: &Planes, first: &[f32], second: &[f32]) -> f64 {
+pub(super) fn preference(frame: &Planes, first: &Planes, second: &Planes) -> f64 {
     let width = frame.width;
-    let mean: Vec<f32> = first.iter().zip(second).map(|(a, b)| 0.5 * (a + b)).collect();
-    let explained = |i: usize| {
-        let at = |index: usize| f64::from(mean[index]);
+    let [mean, difference]: [Planes; 2] = [(0.5, 0.5), (1.0, -1.0)].map(|(a, b)| {
+        let data = first.data.iter().zip(&second.data).map(|(first, second)| a * first + b * second).collect();
+        Planes::from_vec(first.channels, frame.height, width, data)
+    });
+    let explained = |channel: usize, i: usize| {
+        let at = |index: usize| f64::from(mean.plane(channel)[index]);
         let (here, left, right, above, below) = (at(i), at(i - 1), at(i + 1), at(i - width), at(i + width));
         let twisted = at(i + width + 1) + at(i - width - 1) - at(i + width - 1) - at(i - width + 1);
         [1.0, here, right - left, below - above, left + right - 2.0 * here, above + below - 2.0 * here, twisted]
     };
-    votes(frame, |i| first[i] - second[i], explained)
+    // The colours of a grey surface are noise.
+    [1, frame.channels].map(|channels| votes(frame, &difference, channels, explained)).into_iter().fold(f64::MIN, f64::max)
 }
 
 /// How much the frame looks like a place, on the same scale: a highlight, which both images have in their middle wherever they
 /// were taken, has few votes.
-pub(super) fn agreement(frame: &Planes, place: &[f32]) -> f64 {
+pub(super) fn agreement(frame: &Planes, place: &Planes) -> f64 {
     let width = frame.width;
-    votes(frame, |i| place[i], |i| [1.0, (i % width) as f64 / width as f64, (i / width) as f64 / width as f64])
+    votes(frame, place, 1, |_, i| [1.0, (i % width) as f64 / width as f64, (i / width) as f64 / width as f64])
 }
 
-/// Sum over blocks of the frame's correlation with a picture, without the part of the picture that `explained` explains, in
-/// units of the root of the sum of squares.
+/// Sum over blocks of the frame's correlation with a picture, in the first so many planes, without the part of the picture that
+/// `explained` explains, in units of the root of the sum of squares.
 ///
 /// A sum of independent values whose signs are random exceeds z of these with a probability of exp(−z²/2) at most, however
 /// they are distributed (Efron, Student's t-test under symmetry conditions, JASA 64, 1969). Neighbouring blocks depend on each
 /// other a little: on noisy patterns that repeat exactly the deviation is about 1.
-fn votes<const N: usize>(frame: &Planes, picture: impl Fn(usize) -> f32, explained: impl Fn(usize) -> [f64; N]) -> f64 {
+fn votes<const N: usize>(
+    frame: &Planes,
+    picture: &Planes,
+    channels: usize,
+    explained: impl Fn(usize, usize) -> [f64; N],
+) -> f64 {
     let (height, width) = (frame.height, frame.width);
     let blocks = (height.min(width) / LEAST_SIDE).clamp(1, BLOCKS);
     let range = |block: usize, length: usize| (block * length / blocks).max(1)..((block + 1) * length / blocks).min(length - 1);
     let (mut sum, mut squares) = (0.0, 0.0);
-    for block in 0..blocks * blocks {
+    for (channel, block) in (0..channels).flat_map(|c| (0..blocks * blocks).map(move |b| (c, b))) {
         let mut normal = SMatrix::<f64, N, N>::zeros();
         let [mut with_picture, mut with_frame] = [SVector::<f64, N>::zeros(); 2];
         let [mut pixels, mut pp, mut ff, mut pf] = [0.0; 4];
         for y in range(block / blocks, height) {
             for x in range(block % blocks, width) {
                 let i = y * width + x;
-                let basis = SVector::<f64, N>::from(explained(i));
-                let (p, f) = (f64::from(picture(i)), f64::from(frame.plane(0)[i]));
+                let basis = SVector::<f64, N>::from(explained(channel, i));
+                let [p, f] = [picture, frame].map(|image| f64::from(image.plane(channel)[i]));
                 if (basis.sum() + p + f).is_nan() {
                     continue;
                 }
@@ -103,13 +112,13 @@ mod tests {
         let scene = Scene { noise: 0.05, ..Scene::new(5) };
         let (frame, same) = (seen(&scene, 80.0, 1.0), seen(&scene, 80.000_001, 1.0));
         let other = seen(&Scene { seed: 6, ..scene }, 80.0, 1.0);
-        assert!(preference(&frame, &same.data, &other.data) > 10.0);
-        assert!(preference(&frame, &other.data, &same.data) < -10.0);
-        assert!(agreement(&frame, &same.data) > 10.0 && agreement(&frame, &other.data).abs() < 4.0);
+        assert!(preference(&frame, &same, &other) > 10.0);
+        assert!(preference(&frame, &other, &same) < -10.0);
+        assert!(agreement(&frame, &same) > 10.0 && agreement(&frame, &other).abs() < 4.0);
         for k in 1..20 {
             // Each view has noise of its own.
             let [a, b] = [2.0, 3.0].map(|v| seen(&scene, 80.0 + 1e-9 * v * f64::from(k), 1.0));
-            let preference = preference(&frame, &a.data, &b.data);
+            let preference = preference(&frame, &a, &b);
             assert!(preference.abs() < 4.0, "{preference}");
         }
     }
@@ -120,11 +129,7 @@ mod tests {
         let frame = seen(&scene, 80.0, 1.0);
         for (x, zoom) in [(80.3, 1.0), (80.0, 1.003)] {
             let moved = seen(&scene, x, zoom);
-            assert!(
-                preference(&frame, &frame.data, &moved.data) < 8.0,
-                "{x} {zoom}: {}",
-                preference(&frame, &frame.data, &moved.data)
-            );
+            assert!(preference(&frame, &frame, &moved) < 8.0, "{x} {zoom}: {}", preference(&frame, &frame, &moved));
         }
     }
 }
