@@ -8,11 +8,11 @@ const SIZE: Size = Size { height: 128, width: 128 };
 const PERIOD: f64 = 16.0;
 
 /// A weave of one period over a little of a texture that doesn't repeat.
-fn weave(view: &Homography) -> Planes {
+fn weave(view: &Homography, period: f64) -> Planes {
     let mut frame = Scene { contrast: 0.1, noise: 0.01, ..Scene::new(3) }.frame(view, SIZE);
     for (y, x) in (0..SIZE.height).flat_map(|y| (0..SIZE.width).map(move |x| (y, x))) {
         let (u, v) = view.apply(x as f64, y as f64).unwrap();
-        let wave = |t: f64| (std::f64::consts::TAU * t / PERIOD).sin();
+        let wave = |t: f64| (std::f64::consts::TAU * t / period).sin();
         let threads = 0.2 * (wave(u) * wave(v)) as f32;
         (0..3).for_each(|c| frame.set(c, y, x, frame.at(c, y, x) + threads));
     }
@@ -29,7 +29,7 @@ fn exact_step(homography: Homography) -> NeighbourStep {
 #[test]
 fn a_step_that_jumps_by_a_period_takes_no_frame_along() {
     let views: Vec<Homography> = (0..21).map(|i| view(SIZE, 2.0 * f64::from(i), 0.0, 0.0, 1.0, 0.0)).collect();
-    let frames: Vec<Planes> = views.iter().map(weave).collect();
+    let frames: Vec<Planes> = views.iter().map(|v| weave(v, PERIOD)).collect();
     let config = AlignConfig::default();
     let scan = Scan::new(&&frames[..], &frames[0], None, &config).unwrap();
     let aligner = Aligner { config, adjacent: None, distant: None };
@@ -42,6 +42,24 @@ fn a_step_that_jumps_by_a_period_takes_no_frame_along() {
         let error = largest_shift(&place.unwrap().homography, &exact, SIZE);
         assert!(error < 1.0, "key frame {node}: {error} px");
     }
+}
+
+#[test]
+fn a_jump_is_looked_for_no_further_away_than_steps_go() {
+    let still = view(SIZE, 0.0, 0.0, 0.0, 1.0, 0.0);
+    let offered = |period: f64| {
+        let frames: Vec<Planes> = (0..6).map(|_| weave(&still, period)).collect();
+        let scan = Scan::new(&&frames[..], &frames[0], None, &AlignConfig::default()).unwrap();
+        let guesses = Search::new(&scan).displaced(&scan, 0, 1, &Homography::identity());
+        let away = |c: &Candidate| c.homography.apply(0.0, 0.0).map(|(x, y)| x.hypot(y)).unwrap();
+        guesses.iter().map(away).collect::<Vec<f64>>()
+    };
+    // The product of two waves repeats on the diagonals at half a period, too.
+    let nearest = |period: f64| period / std::f64::consts::SQRT_2;
+    assert!(offered(PERIOD).iter().any(|away| (away - nearest(PERIOD)).abs() < 1.0), "{:?}", offered(PERIOD));
+    // A ridge of a corrugated sheet is not a thread.
+    let wide = 2.5 * PERIOD;
+    assert!(offered(wide).iter().all(|away| *away < nearest(wide) - 5.0), "{:?}", offered(wide));
 }
 
 #[test]
