@@ -26,9 +26,8 @@ const LOOPS: usize = 3;
 const GATE_DEVIATIONS: f64 = 4.0;
 /// … and by this share of the frame's width in any case.
 const GATE_SHARE: f64 = 0.03;
-/// A displaced place is believed when its correlation is higher by this (0.2 on cloth a thread off; up to 0.07 on chainmail whose
-/// rings happen to be lit alike there) …
-const CLEARER_ZNCC: f64 = 0.1;
+/// A displaced place is believed when its correlation is higher by this …
+const CLEARER_ZNCC: f64 = 0.03;
 /// … and by so many standard errors: shading makes a difference of a few.
 const CLEARER_SIGNIFICANCE: f64 = 10.0;
 /// Displaced places that are tried: the neighbours on a lattice, and those once removed …
