@@ -50,11 +50,11 @@ impl Estimate {
         deviation.is_finite().then_some(Self { share, deviation })
     }
 
-    /// Of independent estimates; `None` without any.
-    pub fn combined(estimates: impl IntoIterator<Item = Self>) -> Option<Self> {
+    /// The share that independent estimates agree on best; `None` without any.
+    pub fn combined(estimates: impl IntoIterator<Item = Self>) -> Option<f64> {
         let weigh = |(sum, weights): (f64, f64), e: Self| (sum + e.share / e.deviation.powi(2), weights + e.deviation.powi(-2));
         let (sum, weights) = estimates.into_iter().fold((0.0, 0.0), weigh);
-        (weights > 0.0).then(|| Self { share: sum / weights, deviation: weights.powf(-0.5) })
+        (weights > 0.0).then(|| sum / weights)
     }
 }
 
@@ -70,8 +70,7 @@ mod tests {
         assert!((flat.deviation / sharp.deviation - 20.0).abs() < 0.1);
         assert!((flat.deviation - (TOLERANCE * 0.2 / 10.0).sqrt()).abs() < 1e-4, "the tolerance's width");
         let both = Estimate::combined([sharp, flat]).unwrap();
-        assert!((both.share - (sharp.share + (flat.share - sharp.share) / 401.0)).abs() < 1e-5);
-        assert!(both.deviation < sharp.deviation);
+        assert!((both - (sharp.share + (flat.share - sharp.share) / 401.0)).abs() < 1e-5);
         assert!(Estimate::combined([]).is_none());
     }
 

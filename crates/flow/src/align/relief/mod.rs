@@ -24,7 +24,7 @@ use rayon::prelude::*;
 
 use super::camera::ScanCamera;
 use super::config::PhotometricConfig;
-use super::contrast::{ContrastPyramid, blur};
+use super::contrast::{ContrastPyramid, blur, normalised};
 use super::photometric::{register, warp};
 use super::scan::Scan;
 use super::size::{Size, resized};
@@ -112,7 +112,7 @@ fn smoothed(scan: &Scan, level: usize) -> Vec<Planes> {
     let planes = |(image, pyramid): (&Planes, &ContrastPyramid)| {
         let luminance = &pyramid.levels[level];
         let Size { height, width } = Size::of(luminance);
-        let mut planes = ContrastPyramid::new(&image.resize_area(height, width), &config).levels.swap_remove(0);
+        let mut planes = normalised(&image.resize_area(height, width), &config);
         planes.plane_mut(0).copy_from_slice(luminance.plane(0));
         for plane in planes.data.chunks_mut(height * width) {
             let known: Vec<f32> = plane.iter().map(|v| if v.is_nan() { 0.0 } else { *v }).collect();
@@ -140,11 +140,11 @@ impl Stack<'_> {
             let still = Estimate::lowest(|longer| plane(channel, longer).fit(colour, deviation).loss)?;
             Some(Estimate { deviation: still.deviation.hypot(COLOURS_MISLED * (slid + still.share)), ..still })
         };
-        let Some(found) = Estimate::combined((0..3).filter_map(estimate)) else { return LARGEST };
+        let Some(share) = Estimate::combined((0..3).filter_map(estimate)) else { return LARGEST };
         for (node, homography) in self.homographies.iter_mut().enumerate().skip(1) {
-            *homography = homography.and_then(|h| self.lights.slid(node, &h, found.share));
+            *homography = homography.and_then(|h| self.lights.slid(node, &h, share));
         }
-        found.share
+        share
     }
 
     /// Registers every node to what the lights of all predict for its own.

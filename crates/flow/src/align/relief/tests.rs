@@ -33,17 +33,18 @@ fn aligned(scene: &Scene, relief: bool) -> (Alignment, f64) {
 
 #[test]
 fn the_shading_of_dark_hollows_is_told_from_motion_by_its_colours_or_without_any() {
-    let coloured = Scene { relief: 3.0, noise: 0.01, ..Scene::new(31) };
-    let grey = Scene { colour: 0.0, ..coloured };
-    for (scene, left) in [(grey, 0.6), (coloured, 0.4)] {
+    let coloured = Scene { relief: 6.0, noise: 0.01, ..Scene::new(31) };
+    let flatter = Scene { relief: 3.0, ..coloured };
+    let grey = Scene { colour: 0.0, ..flatter };
+    for (scene, most, left) in [(coloured, 2.0, 0.5), (flatter, 1.2, 0.4), (grey, 1.2, 0.6)] {
         let ((_, biased), (_, settled)) = (aligned(&scene, false), aligned(&scene, true));
-        assert!(biased > 1.2 && settled < left * biased, "{biased} px as registered, {settled} px settled");
+        assert!(biased > most && settled < left * biased, "{biased} px as registered, {settled} px settled");
     }
 }
 
 #[test]
 fn a_slide_makes_the_expected_errors_larger_and_takes_the_links_along() {
-    let scene = Scene { relief: 3.0, noise: 0.01, ..Scene::new(31) };
+    let scene = Scene { relief: 6.0, noise: 0.01, ..Scene::new(31) };
     let ((before, _), (after, _)) = (aligned(&scene, false), aligned(&scene, true));
     assert!(before.key_frames.iter().zip(&after.key_frames).all(|(a, b)| b.residual_px > a.residual_px));
     // The links went with the frames, so that the camera is found from the settled ones.
@@ -98,7 +99,7 @@ fn shading_is_found_among_highlights() {
     samples[4][2] += 5.0;
     let lit: Vec<_> = samples.iter().map(|&[u, v, value]| (brightness(u, v), value)).collect();
     let found = solve(&lit, 0.05).unwrap();
-    assert!((found[0] - 0.3).abs() < 0.03 && (found[1] - 0.8).abs() < 0.1 && (found[2] + 0.5).abs() < 0.1, "{found}");
+    assert!((found[0] - 0.3).abs() < 0.02 && (found[1] - 0.8).abs() < 0.1 && (found[2] + 0.5).abs() < 0.1, "{found}");
     assert!(solve(&lit[..5], 0.05).is_none(), "too few lights");
     // What depends on the slope isn't explained as a colour.
     let coloured: Vec<_> = samples.iter().map(|&[u, v, value]| (colour(u, v), value)).collect();
@@ -109,7 +110,7 @@ fn shading_is_found_among_highlights() {
     let nodes = samples.iter().map(|s| ([10.0 * s[0], 10.0 * s[1], 10.0], vec![0.5, 0.5, 0.5, 0.5, f32::NAN, 0.5])).collect();
     let all = Samples { size: Size { height: 2, width: 3 }, to_surface: Matrix3::identity(), nodes };
     let fit = all.fit(brightness, f32::INFINITY);
-    assert!(fit.shading[4][0].is_nan() && (fit.shading[0][0] - 0.5).abs() < 1e-2);
+    assert!(fit.shading[4][0].is_nan() && (fit.shading[0][0] - 0.5).abs() < 1e-3);
     let predicted = all.predicted(&fit.shading, [0.0, 0.0, 10.0]);
-    assert!((predicted.at(0, 0, 1) - 0.5).abs() < 1e-2 && predicted.at(0, 1, 1).is_nan());
+    assert!((predicted.at(0, 0, 1) - 0.5).abs() < 1e-3 && predicted.at(0, 1, 1).is_nan());
 }
