@@ -104,7 +104,8 @@ fn shading_is_found_among_highlights() {
     // What depends on the slope isn't explained as a colour.
     let coloured: Vec<_> = samples.iter().map(|&[u, v, value]| (colour(u, v), value)).collect();
     let found = solve(&coloured, 0.05).unwrap();
-    assert!(samples.iter().zip(&coloured).any(|(s, (terms, _))| (s[2] - found.dot(terms)).abs() > 0.1));
+    let left = |i: usize| (samples[i][2] - found.dot(&coloured[i].0)).abs();
+    assert!((0..24).filter(|i| *i != 4).map(left).fold(0.0, f32::max) > 0.1);
 
     // A ring of lights over a surface of 3 × 2 pixels; the place under a light and an unknown pixel don't take part.
     let nodes = samples.iter().map(|s| ([10.0 * s[0], 10.0 * s[1], 10.0], vec![0.5, 0.5, 0.5, 0.5, f32::NAN, 0.5])).collect();

@@ -59,6 +59,7 @@ fn a_jump_is_looked_for_no_further_away_than_steps_go() {
     assert!(offered(PERIOD).iter().any(|away| (away - nearest(PERIOD)).abs() < 1.0), "{:?}", offered(PERIOD));
     // A ridge of a corrugated sheet is not a thread.
     let wide = 2.5 * PERIOD;
+    assert!(!offered(wide).is_empty());
     assert!(offered(wide).iter().all(|away| *away < nearest(wide) - 5.0), "{:?}", offered(wide));
 }
 
