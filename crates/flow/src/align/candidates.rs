@@ -9,7 +9,7 @@ use super::photometric::{Consistency, Refined, consistency, refine};
 use super::size::{Size, overlap};
 
 /// Pyramid level on which guesses are compared before refinement, and the level on which refinement starts.
-const COMPARE_LEVEL: usize = 1;
+pub(super) const COMPARE_LEVEL: usize = 1;
 const START_LEVEL: usize = 2;
 /// How many guesses are refined on the first level, and how many of them on the next.
 const REFINED: usize = 5;
@@ -97,27 +97,38 @@ pub fn shortlist(
     candidates: &[Candidate],
     config: &PhotometricConfig,
 ) -> Vec<Finalist> {
-    let start = START_LEVEL.min(target.levels.len() - 1);
-    let finalist = |c: &Candidate| {
-        let consistency = consistency(target, source, &c.homography, start);
+    let deepest = target.levels.len() - 1;
+    let (start, compare) = (START_LEVEL.min(deepest), COMPARE_LEVEL.min(deepest));
+    let at = |homography: &Homography, level| consistency(target, source, homography, level);
+    let unrefined = |c: &Candidate| {
+        // A guess may be so good that it shows on the fine level only, where threads are seen.
+        let (coarse, fine) = (at(&c.homography, start), at(&c.homography, compare));
+        let consistency = if fine.score() > coarse.score() { fine } else { coarse };
         let refined = Refined { homography: c.homography, consistency, converged: false, expected_px: UNREFINED_PX };
         Finalist { origin: c.origin, refined }
     };
     let shared = |c: &&Candidate| overlap(&c.homography, target.size(), source.size()) >= SMALLEST_OVERLAP;
     let candidates = distinct(candidates, target.size());
-    let mut best: Vec<Finalist> = candidates.iter().filter(shared).map(finalist).collect();
+    let mut best: Vec<Finalist> = candidates.iter().filter(shared).map(unrefined).collect();
     keep_best(&mut best, REFINED);
     if !config.enabled {
         return best;
     }
-    let refined = |f: &Finalist, level| {
-        let refined = refine(target, source, &f.refined.homography, (level, level), config)?;
+    let coarse = |f: &Finalist| {
+        let before = Refined { consistency: at(&f.refined.homography, compare), ..f.refined };
+        let after = refine(target, source, &f.refined.homography, (start, start), config);
+        let after = after.map(|r| Refined { consistency: at(&r.homography, compare), ..r });
+        let refined = after.filter(|a| a.consistency.score() > before.consistency.score()).unwrap_or(before);
+        Finalist { refined, ..*f }
+    };
+    best = best.iter().map(coarse).collect();
+    keep_best(&mut best, FINALISTS);
+    let fine = |f: &Finalist| {
+        let refined = refine(target, source, &f.refined.homography, (compare, compare), config)?;
         Some(Finalist { refined, ..*f })
     };
-    for (level, count) in [(start, FINALISTS), (COMPARE_LEVEL.min(start), FINALISTS)] {
-        best = best.iter().filter_map(|f| refined(f, level)).collect();
-        keep_best(&mut best, count);
-    }
+    best = best.iter().filter_map(fine).collect();
+    keep_best(&mut best, FINALISTS);
     best
 }
 

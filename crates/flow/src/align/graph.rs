@@ -62,6 +62,8 @@ const SIDE: usize = 4;
 const STEPS: usize = 10;
 /// No link is believed to be better than this, in pixels.
 const SHARPEST_PX: f64 = 0.2;
+/// Share of the links by which their disagreement is judged.
+const MOST: f64 = 0.75;
 
 /// Adjusts all placed nodes together so that the links agree; Cauchy weights keep a wrong link from bending the rest.
 ///
@@ -99,6 +101,27 @@ pub fn adjust(places: &mut [Option<Place>], links: &[Link], sizes: &[Size]) {
             break;
         }
     }
+}
+
+/// By how much the links disagree more than their expected errors let expect, at least 1: what all of them take for the surface
+/// may move otherwise, as glints do. The ratio that most links stay below, with the share of the links that only place nodes
+/// counted out (the variance factor a posteriori of an adjustment; here robust).
+pub fn disagreement(places: &[Option<Place>], links: &[Link], sizes: &[Size]) -> f64 {
+    let ratio = |link: &Link| {
+        let now = residuals(link, &places[link.target]?.homography, &places[link.source]?.homography, sizes)?;
+        // Two values per position.
+        let mean = 2.0 * now.iter().map(|r| r * r).sum::<f64>() / now.len().max(1) as f64;
+        (!now.is_empty()).then(|| mean.sqrt() / link.error_px.max(SHARPEST_PX))
+    };
+    let mut ratios: Vec<f64> = links.iter().filter_map(ratio).collect();
+    let placing = places.iter().skip(1).flatten().count();
+    if ratios.len() <= placing {
+        return 1.0;
+    }
+    ratios.sort_by(f64::total_cmp);
+    let most = ratios[((ratios.len() - 1) as f64 * MOST) as usize];
+    let freedom = ratios.len() as f64 / (ratios.len() - placing) as f64;
+    (most * freedom.sqrt()).max(1.0)
 }
 
 /// `homography` followed by the small map with parameters `p` of its source, in units of half the source's side.

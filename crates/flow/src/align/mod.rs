@@ -23,6 +23,7 @@ pub mod planar;
 pub mod pose;
 mod relief;
 mod result;
+mod rivals;
 mod scan;
 #[cfg(test)]
 pub(crate) mod scene;
@@ -42,7 +43,7 @@ use ops::planes::Planes;
 
 /// Version of the aligner's results. Whoever changes what [`Aligner`] finds with the same frames, settings and nets adds one, so
 /// that cases measured before and after are never put into one table.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 
 /// Something that estimates the dense motion between two images, such as a trained net.
 pub trait FlowEstimator {

@@ -19,7 +19,7 @@ use super::track::Placed;
 /// Deviation of the contrast-normalised image below which there is nothing to align by.
 const LEAST_TEXTURE: f64 = 0.1;
 /// Expected error beyond which a placed key frame is dropped, as a share of the frame's width.
-const LARGEST_ERROR_SHARE: f64 = 0.05;
+const LARGEST_ERROR_SHARE: f64 = 0.02;
 /// Expected error at which a key frame's confidence is one half, as a share of the frame's width.
 const HALF_CONFIDENCE_SHARE: f64 = 0.005;
 
@@ -116,10 +116,13 @@ impl Scan {
     }
 
     /// The key frames at their places, with the warnings of all steps.
-    pub fn conclude(&self, Placed { places, links }: &Placed, steps: &[NeighbourStep]) -> Alignment {
+    pub fn conclude(&self, Placed { places, links, repeating }: &Placed, steps: &[NeighbourStep]) -> Alignment {
         let nodes = (1..self.sizes.len()).into_par_iter();
         let mut key_frames: Vec<KeyFrame> = nodes.map(|n| self.key_frame(n, &places[n])).collect();
         self.drop_unlike(&mut key_frames, places);
+        if *repeating {
+            key_frames.iter_mut().filter(|k| k.aligned()).for_each(|k| k.status = KeyFrameStatus::Dropped(DropReason::Repeats));
+        }
         let replaced = steps.iter().enumerate().filter(|(_, s)| s.replaced);
         let mut warnings: Vec<Warning> = replaced.map(|(frame, _)| Warning::StepReplaced { frame }).collect();
         warnings.extend(dropped(&key_frames));

@@ -65,8 +65,12 @@ impl Aligner<'_> {
                 let steps = scan.neighbour_steps(flows.as_deref(), &self.config);
                 seconds.steps = clock.lap();
                 let mut placed = Tracker { scan: &scan, aligner: self, steps: &steps, flows: flows.as_deref() }.place();
-                if self.config.relief {
-                    let camera = scan.conclude(&placed, &steps).camera(None);
+                // From links as sharp as they claim to be, so that the wrong ones count least.
+                let camera = self.config.relief.then(|| scan.conclude(&placed, &steps).camera(None));
+                if self.config.adjust {
+                    placed.believe_disagreement(&scan);
+                }
+                if let Some(camera) = camera {
                     relief::settle(&scan, &mut placed, camera.as_ref().ok());
                 }
                 scan.conclude(&placed, &steps)

@@ -6,13 +6,14 @@ use ops::planes::{Mask, Planes};
 use rayon::prelude::*;
 
 use super::FlowEstimator;
-use super::candidates::{Candidate, Origin, Step, choose, largest_shift};
+use super::candidates::{Candidate, Finalist, Origin, Step, choose, finish, largest_shift};
 use super::compose::{FlowField, chain};
 use super::config::AlignConfig;
-use super::graph::{Link, Place, adjust, shortest_paths};
+use super::graph::{Link, Place, adjust, disagreement, shortest_paths};
 use super::phase::{Correlator, Spectrum};
 use super::photometric::warp;
 use super::planar::{PointPair, RobustFit, fit, pairs_of_flow};
+use super::rivals::{Rivals, stands_out};
 use super::scan::{Scan, masked};
 use super::sequence::Aligner;
 use super::size::{Size, overlap, resized};
@@ -26,9 +27,8 @@ const LOOPS: usize = 3;
 const GATE_DEVIATIONS: f64 = 4.0;
 /// … and by this share of the frame's width in any case.
 const GATE_SHARE: f64 = 0.03;
-/// A displaced place is believed when its correlation is higher by this …
-const CLEARER_ZNCC: f64 = 0.03;
-/// … and by so many standard errors: shading makes a difference of a few.
+/// A displaced place that stands out is believed when its correlation is higher by so many standard errors: shading makes a
+/// difference of a few.
 const CLEARER_SIGNIFICANCE: f64 = 10.0;
 /// Displaced places that are tried: the neighbours on a lattice, and those once removed …
 const PERIODS: usize = 12;
@@ -38,6 +38,12 @@ const PERIODS: usize = 12;
 const LARGEST_JUMP_SHARE: f64 = 0.15;
 /// Key frames before a lost one among which it is looked for.
 const SEARCHED_BACK: usize = 4;
+/// Where another place is this much as strong as the measured one, the frame is looked for everywhere …
+const AMBIGUOUS: f64 = 0.9;
+/// … and where that is so for most of a scan, its surface repeats itself: nothing tells the places apart (chainmail).
+const REPEATING: f64 = 0.93;
+/// Fewer key frames say nothing of a scan.
+const FEWEST_JUDGED: usize = 5;
 
 /// What is known while the key frames are followed.
 pub(super) struct Tracker<'a> {
@@ -53,6 +59,17 @@ pub(super) struct Placed {
     pub places: Vec<Option<Place>>,
     /// The links between them.
     pub links: Vec<Link>,
+    /// Whether most key frames fit just as well at another place of a pattern that repeats.
+    pub repeating: bool,
+}
+
+impl Placed {
+    /// Makes all expected errors larger by the share by which the links disagree more than they let expect.
+    pub fn believe_disagreement(&mut self, scan: &Scan) {
+        let larger = disagreement(&self.places, &self.links, &scan.sizes);
+        self.places.iter_mut().flatten().for_each(|p| p.error_px *= larger);
+        self.links.iter_mut().for_each(|l| l.error_px *= larger);
+    }
 }
 
 impl Tracker<'_> {
@@ -64,11 +81,13 @@ impl Tracker<'_> {
         let search = Search::new(self.scan);
         // The node from which the next one is reached: one that was lost is stepped over.
         let mut before = 0;
+        let mut rivalries: Vec<f64> = Vec::new();
         for node in 1..nodes {
             let (place, found) = self.track(before, node, &running, &search);
-            before = if found.is_empty() { before } else { node };
+            before = if found.links.is_empty() { before } else { node };
             running.push(place);
-            links.extend(found);
+            links.extend(found.links);
+            rivalries.extend(found.rivalry);
         }
         let mut places = shortest_paths(nodes, &links);
         if self.config().loops {
@@ -78,7 +97,9 @@ impl Tracker<'_> {
         if self.config().adjust {
             adjust(&mut places, &links, &self.scan.sizes);
         }
-        Placed { places, links }
+        rivalries.sort_by(f64::total_cmp);
+        let repeating = rivalries.len() >= FEWEST_JUDGED && rivalries[rivalries.len() / 2] > REPEATING;
+        Placed { places, links, repeating }
     }
 
     fn config(&self) -> &AlignConfig {
@@ -87,20 +108,22 @@ impl Tracker<'_> {
 
     /// Links one key frame to the one before, to the guidance image and, where both fail, to whatever it resembles; returns
     /// its most certain place with the links.
-    fn track(&self, before: usize, node: usize, running: &[Place], search: &Search) -> (Place, Vec<Link>) {
+    fn track(&self, before: usize, node: usize, running: &[Place], search: &Search) -> (Place, Found) {
         let predicted = self.predict(before, node, running);
         if !self.scan.textured(node) || !self.scan.textured(0) {
-            return (predicted.unwrap_or(running[0]), Vec::new());
+            return (predicted.unwrap_or(running[0]), Found::default());
         }
-        let mut found = Found { predicted, links: Vec::new() };
-        found.add(self.step_link(before, node, search));
+        let mut found = Found { predicted, ..Found::default() };
+        let (tie, rivalry) = self.step_link(before, node, search);
+        found.rivalry = rivalry;
+        found.add(tie);
         if found.links.is_empty() && self.config().candidates.phase_correlation {
             found.links.extend(search.link(self.scan, node, self.moves_visibly(node), self.config()));
         }
         let tied = found.links.iter().any(|l| l.target == 0);
         let near = found.place(running).filter(|p| !tied && self.scan.share(node, &p.homography) >= LINK_OVERLAP);
         found.add(near.and_then(|p| self.guidance_link(node, &p, search)));
-        (found.place(running).unwrap_or(running[0]), found.links)
+        (found.place(running).unwrap_or(running[0]), found)
     }
 
     /// Whether most frames around a node can be told from their neighbours: where they can't, looking at the last key
@@ -130,9 +153,10 @@ impl Tracker<'_> {
     }
 
     /// The tie to the node before: the most consistent of the product of the steps and the composed flow, refined; where
-    /// the two frames are too far apart for that, the product itself if all its steps are reliable.
-    fn step_link(&self, before: usize, node: usize, search: &Search) -> Option<Tie> {
-        let span = self.span(before, node)?;
+    /// the two frames are too far apart for that, the product itself if all its steps are reliable. With it the rivalry of
+    /// other places, where one was measured.
+    fn step_link(&self, before: usize, node: usize, search: &Search) -> (Option<Tie>, Option<f64>) {
+        let Some(span) = self.span(before, node) else { return (None, None) };
         let steps = &self.steps[span.clone()];
         let chained = product(steps);
         let error_px = steps.iter().map(|s| s.step.expected_px.powi(2)).sum::<f64>().sqrt();
@@ -144,14 +168,25 @@ impl Tracker<'_> {
         }
         let link = |homography, error_px| Link { target: before, source: node, homography, error_px };
         let measured = measure(self.scan, before, node, &guesses, self.config());
-        if let Some(other) = measured.and_then(|s| self.displaced(before, node, &s, search)) {
-            return Some(Tie::Corrects(link(other.homography, other.expected_px)));
+        let rivals = measured.and_then(|s| self.displaced(before, node, &s, search));
+        let rivalry = rivals.as_ref().map(|r| r.0);
+        if let Some(other) = rivals.and_then(|r| r.1) {
+            return (Some(Tie::Corrects(link(other.homography, other.expected_px))), rivalry);
         }
-        let direct = measured.filter(|s| within_gate(s, &chained, error_px, self.scan.sizes[node]));
-        match direct {
-            Some(step) if !sound || step.expected_px <= error_px => Some(Tie::Agrees(link(step.homography, step.expected_px))),
-            _ => sound.then(|| Tie::Agrees(link(chained, error_px))),
+        let within = |s: &Step| within_gate(s, &chained, error_px, self.scan.sizes[node]);
+        let pair = (&self.scan.pyramids[before], &self.scan.pyramids[node]);
+        // One of the steps jumped, and another guess was right.
+        let jumped =
+            |s: &Step| !within(s) && rivalry.is_some_and(|r| r < AMBIGUOUS) && stands_out(&s.homography, &chained, pair);
+        if let Some(step) = measured.filter(jumped) {
+            return (Some(Tie::Corrects(link(step.homography, step.expected_px))), rivalry);
         }
+        let direct = measured.filter(within);
+        let agrees = match direct {
+            Some(step) if !sound || step.expected_px <= error_px => Some(link(step.homography, step.expected_px)),
+            _ => sound.then(|| link(chained, error_px)),
+        };
+        (agrees.map(Tie::Agrees), rivalry)
     }
 
     /// The homography of the flows composed since the node before (spec 3.2, steps 2 and 3).
@@ -172,24 +207,33 @@ impl Tracker<'_> {
         let step = measure(self.scan, 0, node, &guesses, self.config())?;
         let near = within_gate(&step, &predicted.homography, predicted.error_px, self.scan.sizes[node]);
         let link = |s: &Step| Link { target: 0, source: node, homography: s.homography, error_px: s.expected_px };
-        match Some(step).filter(|_| near).and_then(|s| self.displaced(0, node, &s, search)) {
+        match Some(step).filter(|_| near).and_then(|s| self.displaced(0, node, &s, search)?.1) {
             Some(other) => Some(Tie::Corrects(link(&other))),
             None => near.then(|| Tie::Agrees(link(&step))),
         }
     }
 
-    /// A place some way from a measured one that shows clearly more of the target: on a periodic pattern a guess may be a
-    /// period off, and refining it finds the nearest fit.
-    fn displaced(&self, target: usize, node: usize, measured: &Step, search: &Search) -> Option<Step> {
+    /// How strong other places are beside a measured one (see [`Rivals`]), and the one that stands out and shows clearly more of
+    /// the target: on a periodic pattern a guess may be a period off, and refining it finds the nearest fit. `None` where no
+    /// other place is looked for.
+    fn displaced(&self, target: usize, node: usize, measured: &Step, search: &Search) -> Option<(f64, Option<Step>)> {
         if !self.config().candidates.phase_correlation {
             return None;
         }
-        let guesses = search.displaced(self.scan, target, node, &measured.homography);
-        let clearer = |s: &Step| {
-            s.consistency.zncc > measured.consistency.zncc + CLEARER_ZNCC
-                && s.consistency.significance() > measured.consistency.significance() + CLEARER_SIGNIFICANCE
+        let pair = (&self.scan.pyramids[target], &self.scan.pyramids[node]);
+        let among = |guesses: &[Candidate]| Rivals::among(guesses, &measured.homography, pair, &self.config().photometric);
+        let clearer = |f: Finalist| {
+            let step = finish(pair.0, pair.1, &f, &self.config().photometric);
+            let clear = step.consistency.significance() > measured.consistency.significance() + CLEARER_SIGNIFICANCE;
+            Some(step).filter(|s| clear && s.reliable())
         };
-        measure(self.scan, target, node, &guesses, self.config()).filter(clearer)
+        let near = among(&search.displaced(self.scan, target, node, &measured.homography));
+        let rivalry = near.rivalry;
+        let mut found = near.outstanding.and_then(clearer);
+        if found.is_none() && rivalry > AMBIGUOUS {
+            found = among(&search.guesses(target, node)).outstanding.and_then(clearer);
+        }
+        Some((rivalry, found))
     }
 
     /// The `distant` net's estimate of what remains after the regularised warp, superposed and made a homography again.
@@ -229,10 +273,13 @@ enum Tie {
 }
 
 /// What is known of a node's place.
+#[derive(Default)]
 struct Found {
     /// Where the steps lead.
     predicted: Option<Place>,
     links: Vec<Link>,
+    /// How strong other places are beside the one measured from the node before; `None` where none was.
+    rivalry: Option<f64>,
 }
 
 impl Found {
@@ -240,7 +287,7 @@ impl Found {
     fn add(&mut self, tie: Option<Tie>) {
         match tie {
             Some(Tie::Agrees(link)) => self.links.push(link),
-            Some(Tie::Corrects(link)) => *self = Self { predicted: None, links: vec![link] },
+            Some(Tie::Corrects(link)) => *self = Self { predicted: None, links: vec![link], ..*self },
             None => {}
         }
     }

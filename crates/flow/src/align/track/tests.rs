@@ -75,7 +75,7 @@ fn frames_that_lie_where_the_guidance_image_looks_otherwise_are_dropped() {
             let wrong = Homography::translation(if node == 0 { 0.0 } else { off }, 0.0);
             Some(Place { homography: wrong.after(&exact), error_px: 0.2 })
         };
-        let placed = Placed { places: (0..7).map(place).collect(), links: Vec::new() };
+        let placed = Placed { places: (0..7).map(place).collect(), links: Vec::new(), repeating: false };
         scan.conclude(&placed, &[]).key_frames.iter().map(|k| k.status).collect::<Vec<_>>()
     };
     assert_eq!(concluded(0.0), [KeyFrameStatus::Aligned; 6]);

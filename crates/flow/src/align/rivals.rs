@@ -1,0 +1,57 @@
+//! Other places where a frame looks much as it does where it was measured: the neighbours on a pattern that repeats.
+
+use ops::homography::Homography;
+
+use super::candidates::{COMPARE_LEVEL, Candidate, Finalist, largest_shift, shortlist};
+use super::config::PhotometricConfig;
+use super::contrast::ContrastPyramid;
+use super::photometric::{Consistency, consistency};
+
+/// Places closer than this share of the width are one place.
+const SAME_SHARE: f64 = 0.01;
+/// A place stands out when all others, and the measured one, reach at most this share of its strength. The true place of woven
+/// cloth, denim and knits leaves the others 0.2 to 0.7; one ridge of a corrugated sheet leaves the next 0.7 to 0.9.
+const OUTSTANDING: f64 = 0.75;
+
+/// The places that compete with a measured one.
+pub(super) struct Rivals {
+    /// Strength of the strongest over that of the measured place; 0 where there is none.
+    pub rivalry: f64,
+    /// The one that stands out from all others and from the measured place.
+    pub outstanding: Option<Finalist>,
+}
+
+/// Whether a place stands out from another one.
+pub(super) fn stands_out(place: &Homography, other: &Homography, pair: (&ContrastPyramid, &ContrastPyramid)) -> bool {
+    let at = |h| strength(&consistency(pair.0, pair.1, h, COMPARE_LEVEL));
+    at(other) <= OUTSTANDING * at(place)
+}
+
+impl Rivals {
+    /// Refines the guesses and keeps those that don't end at the measured place.
+    pub fn among(
+        guesses: &[Candidate],
+        measured: &Homography,
+        (target, source): (&ContrastPyramid, &ContrastPyramid),
+        config: &PhotometricConfig,
+    ) -> Self {
+        let apart =
+            |a: &Homography, b: &Homography| largest_shift(a, b, target.size()) > SAME_SHARE * target.size().width as f64;
+        let own = strength(&consistency(target, source, measured, COMPARE_LEVEL));
+        let mut others = shortlist(target, source, guesses, config);
+        others.retain(|f| apart(&f.refined.homography, measured));
+        let of = |f: &Finalist| strength(&f.refined.consistency);
+        let Some(first) = others.iter().copied().max_by(|a, b| of(a).total_cmp(&of(b))) else {
+            return Self { rivalry: 0.0, outstanding: None };
+        };
+        let second =
+            others.iter().filter(|f| apart(&f.refined.homography, &first.refined.homography)).map(of).fold(own, f64::max);
+        let outstanding = Some(first).filter(|f| second <= OUTSTANDING * of(f));
+        Self { rivalry: of(&first) / own.max(1e-3), outstanding }
+    }
+}
+
+/// Fisher's z: correlations made comparable.
+fn strength(consistency: &Consistency) -> f64 {
+    consistency.zncc.clamp(-0.999, 0.999).atanh()
+}
