@@ -206,7 +206,7 @@ pub fn largest_shift(a: &Homography, b: &Homography, size: Size) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::align::scene::{Scene, between, view};
+    use crate::align::scene::{Scene, between, view, weave};
 
     const SIZE: Size = Size { height: 128, width: 128 };
 
@@ -242,5 +242,19 @@ mod tests {
         let still = view(SIZE, 0.0, 0.0, 0.0, 1.0, 0.0);
         let [target, source] = pyramids(&Scene::new(1), &still, &still);
         assert!(choose(&target, &source, &[], &PhotometricConfig::default()).is_none());
+    }
+
+    #[test]
+    fn an_exact_guess_survives_where_the_coarse_levels_show_nothing() {
+        // Threads of 7 px are gone on the level on which refinement starts; what is left there is noise.
+        let (a, b) = (view(SIZE, 0.0, 0.0, 0.0, 1.0, 0.0), view(SIZE, 9.0, -6.0, 0.01, 1.0, 0.0));
+        let pyramid = |v: &Homography| ContrastPyramid::new(&weave(v, SIZE, 7.0, 0.03), &PhotometricConfig::default());
+        let truth = between(&a, &b);
+        let wrong = |i: f64| candidate(Origin::PhaseCorrelation, Homography::translation(-3.0 - 7.0 * i, 3.0 + 4.0 * i));
+        let mut guesses: Vec<Candidate> = (0..6).map(|i| wrong(f64::from(i))).collect();
+        guesses.push(candidate(Origin::Net, truth));
+        let finalists = shortlist(&pyramid(&a), &pyramid(&b), &guesses, &PhotometricConfig::default());
+        let exact = |f: &Finalist| f.origin == Origin::Net && largest_shift(&f.refined.homography, &truth, SIZE) < 0.3;
+        assert!(finalists.iter().any(exact), "{finalists:?}");
     }
 }

@@ -244,4 +244,26 @@ mod tests {
         assert!(error(&places[4], &shift(20.0)) < 0.3, "{}", error(&places[4], &shift(20.0)));
         assert!(error(&places[3], &shift(15.0)) < 0.1);
     }
+
+    #[test]
+    fn links_that_disagree_by_more_than_they_claim_are_noticed() {
+        // Every node is linked to the three before it, each link off by 0.9 px in one of four directions.
+        let off = |i: usize| [(0.9, 0.0), (0.0, 0.9), (-0.9, 0.0), (0.0, -0.9)][i % 4];
+        let shift = |nodes: usize, (x, y): (f64, f64)| Homography::translation(5.0 * nodes as f64 + x, y);
+        let pairs = (1..12).flat_map(|s: usize| (s.saturating_sub(3)..s).map(move |t| (t, s)));
+        let measured = |claimed: f64| {
+            let all = pairs.clone().enumerate().map(|(i, (t, s))| link(t, s, shift(s - t, off(i * i + t)), claimed));
+            let links: Vec<Link> = all.collect();
+            let mut places = shortest_paths(12, &links);
+            adjust(&mut places, &links, &[SIZE; 12]);
+            disagreement(&places, &links, &[SIZE; 12])
+        };
+        assert_eq!(measured(3.0), 1.0, "no more than claimed");
+        let larger = measured(0.3);
+        assert!(larger > 1.5 && larger < 6.0, "0.9 px where 0.3 px were claimed: {larger}");
+        let exact: Vec<Link> = pairs.clone().map(|(t, s)| link(t, s, shift(s - t, (0.0, 0.0)), 0.3)).collect();
+        assert_eq!(disagreement(&shortest_paths(12, &exact), &exact, &[SIZE; 12]), 1.0);
+        let tree = [link(0, 1, shift(1, (0.0, 0.0)), 0.3)];
+        assert_eq!(disagreement(&shortest_paths(2, &tree), &tree, &[SIZE; 2]), 1.0, "nothing to disagree with");
+    }
 }

@@ -55,3 +55,41 @@ impl Rivals {
 fn strength(consistency: &Consistency) -> f64 {
     consistency.zncc.clamp(-0.999, 0.999).atanh()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::align::candidates::Origin;
+    use crate::align::scene::{view, weave};
+    use crate::align::size::Size;
+
+    const SIZE: Size = Size { height: 128, width: 128 };
+    const PERIOD: f64 = 16.0;
+
+    /// The rivals of a place `off` pixels from the true one, among the places half a period and a whole one from it.
+    fn rivals(own: f32, off: f64) -> Rivals {
+        let still = view(SIZE, 0.0, 0.0, 0.0, 1.0, 0.0);
+        let pyramid = |view: &Homography| ContrastPyramid::new(&weave(view, SIZE, PERIOD, own), &PhotometricConfig::default());
+        let (target, source) = (pyramid(&still), pyramid(&view(SIZE, 3.0, 0.0, 0.0, 1.0, 0.0)));
+        let at = |x: f64, y: f64| Homography::translation(x - 3.0, y);
+        let guess = |(x, y): (f64, f64)| Candidate { origin: Origin::PhaseCorrelation, homography: at(x, y) };
+        let guesses = [(0.0, 0.0), (PERIOD, 0.0), (0.5 * PERIOD, 0.5 * PERIOD)].map(guess);
+        Rivals::among(&guesses, &at(off, 0.0), (&target, &source), &PhotometricConfig::default())
+    }
+
+    #[test]
+    fn the_true_place_has_weak_rivals_and_stands_out_from_a_wrong_one() {
+        let right = rivals(0.15, 0.0);
+        assert!(right.rivalry > 0.1 && right.rivalry < OUTSTANDING && right.outstanding.is_none(), "{}", right.rivalry);
+        let wrong = rivals(0.15, PERIOD);
+        let found = wrong.outstanding.unwrap().refined.homography;
+        assert!(largest_shift(&found, &Homography::translation(-3.0, 0.0), SIZE) < 0.3);
+    }
+
+    #[test]
+    fn on_an_exact_pattern_nothing_stands_out() {
+        let exact = rivals(0.0, 0.0);
+        assert!((exact.rivalry - 1.0).abs() < 0.1 && exact.outstanding.is_none(), "{}", exact.rivalry);
+        assert!(rivals(0.0, PERIOD).outstanding.is_none());
+    }
+}

@@ -25,6 +25,18 @@ pub(crate) struct Scene {
     pub relief: f32,
 }
 
+/// A weave of one period over a texture of its own contrast, which doesn't repeat.
+pub(crate) fn weave(view: &Homography, size: Size, period: f64, own: f32) -> Planes {
+    let mut frame = Scene { contrast: own, noise: 0.01, ..Scene::new(3) }.frame(view, size);
+    for (y, x) in (0..size.height).flat_map(|y| (0..size.width).map(move |x| (y, x))) {
+        let (u, v) = view.apply(x as f64, y as f64).unwrap_or_default();
+        let wave = |t: f64| (std::f64::consts::TAU * t / period).sin();
+        let threads = 0.2 * (wave(u) * wave(v)) as f32;
+        (0..3).for_each(|c| frame.set(c, y, x, frame.at(c, y, x) + threads));
+    }
+    frame
+}
+
 /// Height of the camera and its flash over the texture, in widths of the frame: a field of view of some 30°.
 const FLASH_HEIGHT: f64 = 1.9;
 
