@@ -12,6 +12,9 @@ const SAME_SHARE: f64 = 0.01;
 /// A place stands out when all others, and the measured one, reach at most this share of its strength. The true place of woven
 /// cloth, denim and knits leaves the others 0.2 to 0.7; one ridge of a corrugated sheet leaves the next 0.7 to 0.9.
 const OUTSTANDING: f64 = 0.75;
+/// A place that stands out is believed when its correlation is higher by so many standard errors: shading makes a difference of
+/// a few.
+pub(super) const CLEARER_SIGNIFICANCE: f64 = 10.0;
 
 /// The places that compete with a measured one.
 pub(super) struct Rivals {
@@ -21,10 +24,10 @@ pub(super) struct Rivals {
     pub outstanding: Option<Finalist>,
 }
 
-/// Whether a place stands out from another one.
+/// Whether a place stands out from another one, and by more than chance makes of two that show little.
 pub(super) fn stands_out(place: &Homography, other: &Homography, pair: (&ContrastPyramid, &ContrastPyramid)) -> bool {
-    let at = |h| strength(&consistency(pair.0, pair.1, h, COMPARE_LEVEL));
-    at(other) <= OUTSTANDING * at(place)
+    let [here, there] = [place, other].map(|h| consistency(pair.0, pair.1, h, COMPARE_LEVEL));
+    strength(&there) <= OUTSTANDING * strength(&here) && here.significance() > there.significance() + CLEARER_SIGNIFICANCE
 }
 
 impl Rivals {

@@ -13,7 +13,7 @@ use super::graph::{Link, Place, adjust, disagreement, shortest_paths};
 use super::phase::{Correlator, Spectrum};
 use super::photometric::warp;
 use super::planar::{PointPair, RobustFit, fit, pairs_of_flow};
-use super::rivals::{Rivals, stands_out};
+use super::rivals::{CLEARER_SIGNIFICANCE, Rivals, stands_out};
 use super::scan::{Scan, masked};
 use super::sequence::Aligner;
 use super::size::{Size, overlap, resized};
@@ -27,9 +27,6 @@ const LOOPS: usize = 3;
 const GATE_DEVIATIONS: f64 = 4.0;
 /// … and by this share of the frame's width in any case.
 const GATE_SHARE: f64 = 0.03;
-/// A displaced place that stands out is believed when its correlation is higher by so many standard errors: shading makes a
-/// difference of a few.
-const CLEARER_SIGNIFICANCE: f64 = 10.0;
 /// Displaced places that are tried: the neighbours on a lattice, and those once removed …
 const PERIODS: usize = 12;
 /// … but none further away than this share of the frame's width. Steps between frames are less than half as long as a rule (spec
