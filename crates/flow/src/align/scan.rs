@@ -18,8 +18,9 @@ use super::track::Placed;
 
 /// Deviation of the contrast-normalised image below which there is nothing to align by.
 const LEAST_TEXTURE: f64 = 0.1;
-/// Expected error beyond which a placed key frame is dropped, as a share of the frame's width.
-const LARGEST_ERROR_SHARE: f64 = 0.02;
+/// Expected error beyond which a placed key frame is dropped, as a share of the frame's width. Scans that can be aligned stay
+/// below 0.0045; where links disagree as on brushed metal, true errors are 2.5 times the expected ones.
+const LARGEST_ERROR_SHARE: f64 = 0.007;
 /// Expected error at which a key frame's confidence is one half, as a share of the frame's width.
 const HALF_CONFIDENCE_SHARE: f64 = 0.005;
 

@@ -35,7 +35,7 @@ const PERIODS: usize = 12;
 const LARGEST_JUMP_SHARE: f64 = 0.15;
 /// Key frames before a lost one among which it is looked for.
 const SEARCHED_BACK: usize = 4;
-/// Where another place is this much as strong as the measured one, the frame is looked for everywhere …
+/// Where another place is this much as strong as the measured one, the measured one doesn't overrule the steps …
 const AMBIGUOUS: f64 = 0.9;
 /// … and where that is so for most of a scan, its surface repeats itself: nothing tells the places apart (chainmail).
 const REPEATING: f64 = 0.93;
@@ -225,12 +225,7 @@ impl Tracker<'_> {
             Some(step).filter(|s| clear && s.reliable())
         };
         let near = among(&search.displaced(self.scan, target, node, &measured.homography));
-        let rivalry = near.rivalry;
-        let mut found = near.outstanding.and_then(clearer);
-        if found.is_none() && rivalry > AMBIGUOUS {
-            found = among(&search.guesses(target, node)).outstanding.and_then(clearer);
-        }
-        Some((rivalry, found))
+        Some((near.rivalry, near.outstanding.and_then(clearer)))
     }
 
     /// The `distant` net's estimate of what remains after the regularised warp, superposed and made a homography again.
