@@ -218,14 +218,14 @@ impl Tracker<'_> {
             return None;
         }
         let pair = (&self.scan.pyramids[target], &self.scan.pyramids[node]);
-        let among = |guesses: &[Candidate]| Rivals::among(guesses, &measured.homography, pair, &self.config().photometric);
         let clearer = |f: Finalist| {
             let step = finish(pair.0, pair.1, &f, &self.config().photometric);
             let clear = step.consistency.significance() > measured.consistency.significance() + CLEARER_SIGNIFICANCE;
             Some(step).filter(|s| clear && s.reliable())
         };
-        let near = among(&search.displaced(self.scan, target, node, &measured.homography));
-        Some((near.rivalry, near.outstanding.and_then(clearer)))
+        let guesses = search.displaced(self.scan, target, node, &measured.homography);
+        let rivals = Rivals::among(&guesses, &measured.homography, pair, &self.config().photometric);
+        Some((rivals.rivalry, rivals.outstanding.and_then(clearer)))
     }
 
     /// The `distant` net's estimate of what remains after the regularised warp, superposed and made a homography again.

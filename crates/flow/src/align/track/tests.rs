@@ -99,20 +99,21 @@ fn a_jump_is_looked_for_no_further_away_than_steps_go() {
 }
 
 #[test]
-fn frames_that_lie_where_the_guidance_image_looks_otherwise_are_dropped() {
+fn frames_that_lie_wrong_or_somewhere_about_are_dropped() {
     let views: Vec<Homography> = (0..13).map(|i| view(SIZE, 3.0 * f64::from(i), 0.0, 0.0, 1.0, 0.0)).collect();
     let frames: Vec<Planes> = views.iter().map(|v| Scene::new(8).frame(v, SIZE)).collect();
     let config = AlignConfig { key_frame_step: 2, ..AlignConfig::default() };
     let scan = Scan::new(&&frames[..], &frames[0], None, &config).unwrap();
-    let concluded = |off: f64| {
+    let concluded = |off: f64, error_px: f64| {
         let place = |node: usize| {
             let exact = if node == 0 { Homography::identity() } else { between(&views[0], &views[scan.keys[node - 1]]) };
             let wrong = Homography::translation(if node == 0 { 0.0 } else { off }, 0.0);
-            Some(Place { homography: wrong.after(&exact), error_px: 0.2 })
+            Some(Place { homography: wrong.after(&exact), error_px })
         };
         let placed = Placed { places: (0..7).map(place).collect(), links: Vec::new(), repeating: false };
         scan.conclude(&placed, &[]).key_frames.iter().map(|k| k.status).collect::<Vec<_>>()
     };
-    assert_eq!(concluded(0.0), [KeyFrameStatus::Aligned; 6]);
-    assert_eq!(concluded(37.0), [KeyFrameStatus::Dropped(DropReason::UnlikeGuidance); 6]);
+    assert_eq!(concluded(0.0, 0.2), [KeyFrameStatus::Aligned; 6]);
+    assert_eq!(concluded(37.0, 0.2), [KeyFrameStatus::Dropped(DropReason::UnlikeGuidance); 6]);
+    assert_eq!(concluded(0.0, 0.01 * SIZE.width as f64), [KeyFrameStatus::Dropped(DropReason::Uncertain); 6]);
 }
