@@ -78,7 +78,7 @@ impl fmt::Display for DropReason {
             Self::LostTrack => "no consistent motion leads from the guidance image to it: scan more slowly or closer",
             Self::Uncertain => "its place is too uncertain",
             Self::UnlikeGuidance => "most key frames don't look like the guidance image where they were placed: there is too little texture, or other light; film closer, or begin where the surface shows more",
-            Self::Repeats => "the surface looks the same at several places, as a pattern that repeats or streaks that run one way: film closer, or where a mark or an edge can be seen, and in smaller steps",
+            Self::Repeats => "the surface looks the same at several places, as a pattern that repeats or streaks that run one way: begin where a mark or an edge can be seen, or film closer",
             Self::NoOverlap => "it shows nothing of what the guidance image shows",
         })
     }
