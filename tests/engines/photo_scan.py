@@ -17,10 +17,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from opencv_alignment import REFERENCE_WIDTH, errors
+
 SIDE = 256
 COUNT = 141
-GRID = 64
-REFERENCE_WIDTH = 1024.0
 
 
 def photograph(arguments):
@@ -41,7 +41,10 @@ def photograph(arguments):
 def views(width):
     """Frame pixel to photograph pixel, one per frame."""
     random = np.random.default_rng(7)
-    wave = lambda amplitude: amplitude * np.convolve(random.standard_normal(COUNT + 24), np.hanning(25) / 3.0, "valid")
+
+    def wave(amplitude):
+        return amplitude * np.convolve(random.standard_normal(COUNT + 24), np.hanning(25) / 3.0, "valid")
+
     roll, scale, tilt_x, tilt_y, sway_x, sway_y = (wave(a) for a in (0.05, 0.03, 3e-5, 3e-5, 12.0, 12.0))
     middle = 0.5 * (SIDE - 1)
     found = []
@@ -53,7 +56,8 @@ def views(width):
         y = 0.5 * width + radius * np.sin(angle) + sway_y[i]
         cos, sin = (1.0 + scale[i]) * np.cos(roll[i]), (1.0 + scale[i]) * np.sin(roll[i])
         centre = np.array([[1, 0, -middle], [0, 1, -middle], [0, 0, 1.0]])
-        found.append(np.array([[cos, -sin, x], [sin, cos, y], [0, 0, 1]]) @ np.array([[1, 0, 0], [0, 1, 0], [tilt_x[i], tilt_y[i], 1]]) @ centre)
+        tilt = np.array([[1, 0, 0], [0, 1, 0], [tilt_x[i], tilt_y[i], 1]])
+        found.append(np.array([[cos, -sin, x], [sin, cos, y], [0, 0, 1]]) @ tilt @ centre)
     return found
 
 
@@ -61,7 +65,9 @@ def film(arguments):
     image = photograph(arguments).astype(np.float32) / 255.0
     linear = image**2.2
     frames = arguments.out / "frames"
-    frames.mkdir(parents=True, exist_ok=False)
+    if frames.exists():
+        raise SystemExit(f"{frames} exists already: choose another folder")
+    frames.mkdir(parents=True)
     random = np.random.default_rng(11)
     y, x = np.mgrid[0:SIDE, 0:SIDE] / (SIDE - 1.0) - 0.5
     flash = ((1.0 + 1.4 * (x**2 + y**2)) ** -3)[..., None]
@@ -78,19 +84,15 @@ def film(arguments):
 def compare(arguments):
     path = [np.array(v) for v in json.loads((arguments.out / "views.json").read_text())]
     found = json.loads((arguments.maps / "alignment.json").read_text())["key_frames"]
-    scale = REFERENCE_WIDTH / SIDE
-    grid = (np.stack(np.meshgrid(np.arange(GRID), np.arange(GRID)), -1).reshape(-1, 1, 2) + 0.5) * SIDE / GRID - 0.5
-    errors = []
-    for key in found:
-        if key["status"] != "aligned":
-            continue
-        exact = np.linalg.inv(path[key["index"]]) @ path[0]
-        truth, ours = (cv2.perspectiveTransform(grid, np.array(h)) for h in (exact, np.array(key["homography"])))
-        inside = ((truth >= 0) & (truth <= SIDE - 1)).all(-1)
-        errors.append(scale * np.linalg.norm(truth - ours, axis=-1)[inside].mean())
-    errors = np.array(errors)
-    print(f"{len(errors)} of {len(found)} key frames aligned; error in pixels at a width of {REFERENCE_WIDTH:.0f}: "
-          f"mean {errors.mean():.2f}, median {np.median(errors):.2f}, worst {errors.max():.2f}")
+    aligned = [k for k in found if k["status"] == "aligned"]
+    exact = [np.linalg.inv(path[k["index"]]) @ path[0] for k in aligned]
+    measured = [errors(np.array(k["homography"]), e, SIDE)[0] for k, e in zip(aligned, exact)]
+    means = np.array([m.mean() for m in measured if len(m)])
+    print(f"{len(aligned)} of {len(found)} key frames aligned", end="")
+    if len(means):
+        print(f"; error in pixels at a width of {REFERENCE_WIDTH:.0f}: mean {means.mean():.2f}, "
+              f"median {np.median(means):.2f}, worst {means.max():.2f}", end="")
+    print()
 
 
 def main():
