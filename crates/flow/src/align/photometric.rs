@@ -60,15 +60,20 @@ impl Consistency {
     /// No common pixels.
     pub const NONE: Self = Self { zncc: 0.0, overlap: 0.0, compared: 0 };
 
-    /// How many standard errors the correlation lies above that of unrelated images.
-    pub fn significance(&self) -> f64 {
-        self.zncc.clamp(-0.999, 0.999).atanh() * (self.compared as f64 / CORRELATED_PIXELS).sqrt()
+    /// Fisher's z of the correlation, which makes correlations comparable.
+    pub fn fisher_z(&self) -> f64 {
+        self.zncc.clamp(-0.999, 0.999).atanh()
     }
 
-    /// Strength of evidence: correlations made comparable (Fisher's z), times the root of the overlap, as the standard error
+    /// How many standard errors the correlation lies above that of unrelated images.
+    pub fn significance(&self) -> f64 {
+        self.fisher_z() * (self.compared as f64 / CORRELATED_PIXELS).sqrt()
+    }
+
+    /// Strength of evidence: Fisher's z times the root of the overlap, as the standard error
     /// falls with the root of the number of pixels.
     pub fn score(&self) -> f64 {
-        self.zncc.clamp(-0.999, 0.999).atanh() * self.overlap.max(0.0).sqrt()
+        self.fisher_z() * self.overlap.max(0.0).sqrt()
     }
 }
 

@@ -5,11 +5,11 @@ use ops::homography::Homography;
 use super::candidates::{COMPARE_LEVEL, Candidate, Finalist, largest_shift, shortlist};
 use super::config::PhotometricConfig;
 use super::contrast::ContrastPyramid;
-use super::photometric::{Consistency, consistency};
+use super::photometric::consistency;
 
 /// Places closer than this share of the width are one place.
 const SAME_SHARE: f64 = 0.01;
-/// A place stands out when all others, and the measured one, reach at most this share of its strength. The true place of woven
+/// A place stands out when all others, and the measured one, reach at most this share of its Fisher's z. The true place of woven
 /// cloth, denim and knits leaves the others 0.2 to 0.7; one ridge of a corrugated sheet leaves the next 0.7 to 0.9.
 const OUTSTANDING: f64 = 0.75;
 /// A place that stands out is believed when its correlation is higher by so many standard errors: shading makes a difference of
@@ -18,7 +18,7 @@ pub(super) const CLEARER_SIGNIFICANCE: f64 = 10.0;
 
 /// The places that compete with a measured one.
 pub(super) struct Rivals {
-    /// Strength of the strongest over that of the measured place; 0 where there is none.
+    /// Fisher's z of the most alike over that of the measured place; 0 where there is none.
     pub rivalry: f64,
     /// The one that stands out from all others and from the measured place.
     pub outstanding: Option<Finalist>,
@@ -27,7 +27,7 @@ pub(super) struct Rivals {
 /// Whether a place stands out from another one, and by more than chance makes of two that show little.
 pub(super) fn stands_out(place: &Homography, other: &Homography, pair: (&ContrastPyramid, &ContrastPyramid)) -> bool {
     let [here, there] = [place, other].map(|h| consistency(pair.0, pair.1, h, COMPARE_LEVEL));
-    strength(&there) <= OUTSTANDING * strength(&here) && here.significance() > there.significance() + CLEARER_SIGNIFICANCE
+    there.fisher_z() <= OUTSTANDING * here.fisher_z() && here.significance() > there.significance() + CLEARER_SIGNIFICANCE
 }
 
 impl Rivals {
@@ -40,10 +40,10 @@ impl Rivals {
     ) -> Self {
         let apart =
             |a: &Homography, b: &Homography| largest_shift(a, b, target.size()) > SAME_SHARE * target.size().width as f64;
-        let own = strength(&consistency(target, source, measured, COMPARE_LEVEL));
+        let own = consistency(target, source, measured, COMPARE_LEVEL).fisher_z();
         let mut others = shortlist(target, source, guesses, config);
         others.retain(|f| apart(&f.refined.homography, measured));
-        let of = |f: &Finalist| strength(&f.refined.consistency);
+        let of = |f: &Finalist| f.refined.consistency.fisher_z();
         let Some(first) = others.iter().copied().max_by(|a, b| of(a).total_cmp(&of(b))) else {
             return Self { rivalry: 0.0, outstanding: None };
         };
@@ -52,11 +52,6 @@ impl Rivals {
         let outstanding = Some(first).filter(|f| second <= OUTSTANDING * of(f));
         Self { rivalry: of(&first) / own.max(1e-3), outstanding }
     }
-}
-
-/// Fisher's z: correlations made comparable.
-fn strength(consistency: &Consistency) -> f64 {
-    consistency.zncc.clamp(-0.999, 0.999).atanh()
 }
 
 #[cfg(test)]

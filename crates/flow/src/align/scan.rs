@@ -31,8 +31,8 @@ const ALIKE_SIGNIFICANCE: f64 = 4.0;
 const JUDGED_LEVELS: usize = 3;
 /// … and when they don't, the others are believed only at this many times as many.
 const LUCK: f64 = 3.0;
-/// Fewer key frames that show so much say nothing of a scan.
-const FEWEST_JUDGED: usize = 5;
+/// Fewer key frames say nothing of a scan.
+pub(super) const FEWEST_JUDGED: usize = 5;
 
 /// The frames and the nodes to be placed: node 0 is the guidance image, node i + 1 is key frame i.
 pub(super) struct Scan {

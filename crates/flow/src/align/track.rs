@@ -14,7 +14,7 @@ use super::phase::{Correlator, Spectrum};
 use super::photometric::warp;
 use super::planar::{PointPair, RobustFit, fit, pairs_of_flow};
 use super::rivals::{CLEARER_SIGNIFICANCE, Rivals, stands_out};
-use super::scan::{Scan, masked};
+use super::scan::{FEWEST_JUDGED, Scan, masked};
 use super::sequence::Aligner;
 use super::size::{Size, overlap, resized};
 use super::steps::{NeighbourStep, PEAKS, from_flow, from_peaks};
@@ -39,8 +39,6 @@ const SEARCHED_BACK: usize = 4;
 const AMBIGUOUS: f64 = 0.9;
 /// … and where that is so for most of a scan, its surface repeats itself: nothing tells the places apart (chainmail).
 const REPEATING: f64 = 0.93;
-/// Fewer key frames say nothing of a scan.
-const FEWEST_JUDGED: usize = 5;
 
 /// What is known while the key frames are followed.
 pub(super) struct Tracker<'a> {
